@@ -1,12 +1,9 @@
 """The command line: what it writes, what it says, and how it refuses bad input."""
 
 import json
-import logging
 import subprocess
 import sys
-import warnings
 from collections.abc import Callable
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +16,9 @@ from synthetic_log import synthetic_log
 
 from proxops.cli import common
 from proxops.cli.common import console, work_bar
-from proxops.cli.fly import _table
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.logs.lengths import length_text
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import change_scenario, load_scenario
-from proxops.diagrams.scenario.transits import scenario_transit
+from proxops.diagrams.scenario.scenario import change_scenario
 from proxops.systems.gravity import tabulated_field
 
 BRIEF = settings(
@@ -74,16 +68,6 @@ def refused(ran: Ran, *words: str) -> None:
 # --- fly ------------------------------------------------------------------------------------------
 
 
-def test_table_tells_of_steps_without_a_fresh_plan() -> None:
-    log = synthetic_log(30, ranges=False)
-    data = log.dataset.copy(deep=True)
-    data["solve_status"][[2, 3, 5]], data["solve_reason"][[2, 3, 5]] = [1, 1, 2], [7, 7, 5]
-    table = dict(_table(FlightLog(data, log.body), log.summary))
-    assert table["steps last plan continued: solver iteration limit"] == "2"
-    assert table["steps braking: input not finite"] == "1"
-    assert not [name for name in dict(_table(log, log.summary)) if name.startswith("steps")]
-
-
 def test_the_table_says_whether_the_navigation_knew_where_it_is(run) -> None:
     wrong = ["--set", "truth.gravity=0.9", "--set", "arrival.deadline_s=200"]
     ran = run("fly", "--controller", "zero", *wrong, "--set", "log_ranges=false", "--out", "out")
@@ -93,17 +77,6 @@ def test_the_table_says_whether_the_navigation_knew_where_it_is(run) -> None:
     assert "steps at which the navigation knew where it is" in ran.out
     assert "why it never did" not in ran.out
     assert "Note: the navigation was overconfident" in " ".join(ran.err.split())
-
-
-def test_the_table_says_why_the_navigation_never_knew_where_it_is(run) -> None:
-    short = ["--set", "lidar.max_range_m=50000", "--set", "arrival.deadline_s=50"]
-    ran = run("fly", *short, "--out", "out")
-    assert ran.code == 0, ran.err
-    told = " ".join(ran.out.replace("│", " ").split())
-    assert "why it never did no frame of the lidar had a return" in told
-    start = scenario_transit(load_scenario(), load_body("kleopatra")).start
-    away = np.linalg.norm(load_body("kleopatra").shape.vertices - start, axis=1).min()
-    assert f"50.0 km, {away / 1e3:.0f} km" in told
 
 
 def test_one_flight_does_not_wait_for_a_gravity_table(
@@ -128,22 +101,6 @@ def test_one_flight_does_not_wait_for_a_gravity_table(
     ran = run(*asked, "--set", "gravity=table", "--out", "with")
     assert "no gravity table" not in ran.err
     assert FlightLog.load(tmp_path / "with" / "flight.nc").scenario.gravity == "table"
-
-
-@pytest.mark.parametrize(("options", "shown"), [((), 1), (("-v",), 2), (("--verbose",), 2)])
-def test_the_log_is_shown(
-    run, options: tuple[str, ...], shown: int, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """Warnings always: to make a gravity table is one, because a user waits for it."""
-    assert run(*options, "replay", "none.nc").code == 2
-    log = logging.getLogger("proxops.systems.gravity")
-    log.warning("making the gravity table of %s", "[a] body")
-    log.info("the gravity table is kept")
-    lines = [
-        "proxops: making the gravity table of [a] body\n",
-        "proxops: the gravity table is kept\n",
-    ]
-    assert capfd.readouterr().err == "".join(lines[:shown])
 
 
 def test_fly(run, tmp_path: Path) -> None:
@@ -189,15 +146,6 @@ def test_fly(run, tmp_path: Path) -> None:
     assert (tmp_path / "page" / "flight.html").stat().st_size > 1e6
 
 
-def test_seed_and_transit(run, tmp_path: Path) -> None:
-    ran = run("fly", "--controller", "zero", *BRIEF, "--seed", 12, "--transit", 3, "--out", "out")
-    assert ran.code == 0, ran.err
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert (summary["seed"], summary["transit"]) == (12, 3)
-    assert summary["controller"] == "zero"
-    assert not summary["success"]
-
-
 @pytest.mark.slow
 def test_mended_map_is_written_and_flown_with(run: Callable[..., Ran], tmp_path: Path) -> None:
     wrong = settings({"navigation.expected.surface_rms_m": 50.0})
@@ -217,45 +165,6 @@ def test_mended_map_is_written_and_flown_with(run: Callable[..., Ran], tmp_path:
     assert "told its true state" in ran.err
     assert "other/flight.nc" in entries(tmp_path)
     assert run("fly", "--mended-map", "mended.stl").code != 0
-
-
-def test_a_mended_map_does_not_replace_a_mesh(run: Callable[..., Ran], tmp_path: Path) -> None:
-    (tmp_path / "rock.obj").write_text("a mesh of the user's")
-    refused(run("fly", "--mended-map", "rock.obj"), "this file is no mended map")
-    assert (tmp_path / "rock.obj").read_text() == "a mesh of the user's"
-
-
-@pytest.mark.slow
-def test_own_controller_from_the_working_directory(run, tmp_path: Path) -> None:
-    (tmp_path / "mine_for_the_cli.py").write_text(
-        "from short_flights import PdController\n"
-        "def make(scenario, body):\n"
-        "    return PdController(scenario.spacecraft.mass_kg, scenario.spacecraft.thrust_limit_n)\n"
-    )
-    ran = run("fly", "--controller", "mine_for_the_cli:make", *SHORT, *BRIEF, "--out", "out")
-    assert ran.code == 0, ran.err
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["delta_v_m_s"] > 1.0
-    assert summary["controller"] == "mine_for_the_cli:make"
-    # A log imports no code by itself: who trusts it names the controller again.
-    refused(run("fly", "--from", "out/flight.nc", "--out", "again"), "mine_for_the_cli:make")
-    named = ("--controller", "mine_for_the_cli:make")
-    again = run("fly", "--from", "out/flight.nc", *named, "--out", "again")
-    assert again.code == 0, again.err
-
-
-def test_own_body(run, tmp_path: Path) -> None:
-    """From a scenario file that names it relative to itself; repeated when the body is gone."""
-    (tmp_path / "bodies").mkdir()
-    write_blob(tmp_path / "bodies")
-    (tmp_path / "bodies" / "scenario.yaml").write_text("body: blob.yaml\n")
-    ran = run("fly", "bodies/scenario.yaml", *SHORT, *BRIEF[:4], "--out", "out")
-    assert ran.code == 0, ran.err
-    assert "Blob, mpc" in ran.out
-    for path in (tmp_path / "bodies").iterdir():
-        path.unlink()
-    again = run("fly", "--from", "out/flight.nc", "--out", "again")
-    assert again.code == 0, again.err
 
 
 # --- evaluate -------------------------------------------------------------------------------------
@@ -299,106 +208,40 @@ def test_evaluate(run, tmp_path: Path) -> None:
     refused(mixed, "another scenario", "output folder")
 
 
-@pytest.mark.parametrize("controllers", ["", "mpc,mpc", "mpc,nope"])
-def test_evaluate_controllers_refused(run, tmp_path: Path, controllers: str) -> None:
-    refused(run("evaluate", "--controllers", controllers, "--out", "out"), "controller")
-    assert entries(tmp_path) == set()
+# --- what is refused ------------------------------------------------------------------------------
 
-
-def test_a_warning_is_a_line(run, tmp_path: Path) -> None:
-    setting = ["--set", "assurance={bounds: {}}", "--set", "truth.gravity=1.01"]
-    with pytest.warns(UserWarning, match="the scenario may exceed assurance") as caught:
-        ran = run("fly", "--controller", "zero", *BRIEF, *setting, "--out", "out")
-    assert ran.code == 0
-    line = warnings.formatwarning(caught[0].message, UserWarning, "code.py", 1)
-    assert line.startswith("proxops: warning: the scenario may exceed")
-    assert line.count("\n") == 1
-    assert line.endswith("gravity 0 (up to 0.01)\n")
-
-
-# --- bad input ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("option", ["--seed", "--transit"])
-def test_a_transit_of_a_seed_and_ends_of_its_own(run, option: str) -> None:
-    ends = ["--set", "transit.start_m=[160e3, 0, 0]", "--set", "transit.goal_m=[160e3, 8e3, 0]"]
-    refused(run("fly", *ends, option, "3"), "gives a start and a goal", "--seed and --transit")
+ENDS = settings({"transit.start_m": "[160e3, 0, 0]", "transit.goal_m": "[160e3, 8e3, 0]"})
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("arguments", "words"),
     [
-        (["spacecraft.mas_kg=3"], ["no key 'mas_kg'", "nearest is 'mass_kg'"]),
-        (["assurance={}", "truth.thrusters.failed_axis=x"], ["failed_axis has no end"]),
+        (["fly", "--set", "spacecraft.mas_kg=3"], ["no key 'mas_kg'", "nearest is 'mass_kg'"]),
+        (["evaluate", "--set", "spacecraft.mas_kg=3"], ["no key 'mas_kg'"]),
+        (["evaluate", "--controllers", ""], ["controller"]),
+        (["evaluate", "--controllers", "mpc,mpc"], ["controller"]),
+        (["fly", *ENDS, "--seed", "3"], ["gives a start and a goal", "--seed and --transit"]),
+        (["fly", *BRIEF, "--out", "mine.nc/deeper"], ["mine.nc", "not a folder"]),
+        (["fly", "--from", "mine.nc"], ["mine.nc is not a flight log"]),
+        (["fly", "--from", "absent.nc"], ["there is no file absent.nc"]),
+        (["replay", "mine.nc"], ["mine.nc is not a flight log"]),
+        (["fly", "--from", "flight.nc", "--out", "."], ["holds the log that is repeated"]),
+        (["replay", "mine.nc", "--mcap", "./mine.nc"], ["files of their own, and not the log"]),
+        (["fly", "--mended-map", "mine.obj"], ["this file is no mended map"]),
+        (["reproduce", "paper-recipe", "--set", "policy.bundle=a.zip"], ["train it first"]),
+        (["fly", "--from", "made.nc"], ["Proportional, is a System that was made in Python"]),
     ],
 )
-@pytest.mark.parametrize("command", ["fly", "evaluate"])
-def test_bad_setting_of_a_command(
-    run, tmp_path: Path, command: str, settings: list[str], words: list[str]
-) -> None:
-    options = [part for setting in settings for part in ("--set", setting)]
-    refused(run(command, *options, "--out", "out"), *words)
-    assert entries(tmp_path) == set()
-
-
-@pytest.mark.parametrize("command", ["fly", "evaluate"])
-def test_out_under_a_file(run, tmp_path: Path, command: str) -> None:
-    (tmp_path / "file").write_text("mine")
-    for out in ("file", "file/deeper"):
-        refused(run(command, *BRIEF, "--out", out), "file", "not a folder")
-    assert entries(tmp_path) == {"file"}
-    assert (tmp_path / "file").read_text() == "mine"
-
-
-def test_from_what_is_no_log(run, tmp_path: Path) -> None:
-    (tmp_path / "notes.nc").write_text("not a log")
-    refused(run("fly", "--from", "notes.nc", "--out", "out"), "notes.nc is not a flight log")
-    refused(run("fly", "--from", "absent.nc", "--out", "out"), "there is no file absent.nc")
-    refused(run("fly", "--from", ".", "--out", "out"), "is not a flight log")
-    refused(run("replay", "notes.nc"), "notes.nc is not a flight log")
-    ran = run("replay", "absent.nc")
-    assert (ran.code, ran.err) == (2, "proxops: error: there is no file absent.nc\n")
-    assert entries(tmp_path) == {"notes.nc"}
-
-
-def test_a_repeated_flight_does_not_replace_its_log(run, tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "flight.nc").write_text("the only record of a flight")
-    ran = run("fly", "--from", "out/flight.nc", "--out", "out")
-    refused(ran, "--out out holds the log that is repeated")
-    assert (tmp_path / "out" / "flight.nc").read_text() == "the only record of a flight"
-
-
-def test_from_the_log_of_a_system_made_in_python(run, tmp_path: Path) -> None:
-    log = synthetic_log(30, ranges=False)
-    log.dataset.attrs["controller"] = "Proportional"
-    log.to_netcdf(tmp_path / "flight.nc")
-    ran = run("fly", "--from", "flight.nc", "--out", "again")
-    refused(ran, "Proportional, is a System that was made in Python", "body=log.body")
-
-
-@pytest.mark.parametrize(
-    "files", [["--out", "a.nc"], ["--mcap", "./a.nc"], ["--oem", "x", "--mcap", "x"]]
-)
-def test_replay_does_not_replace_its_log(run, tmp_path: Path, files: list[str]) -> None:
-    (tmp_path / "a.nc").write_text("a log")
-    refused(run("replay", "a.nc", *files), "must name files of their own, and not the log")
-    assert (tmp_path / "a.nc").read_text() == "a log"
-
-
-# --- options that would count for nothing ---------------------------------------------------------
-
-
-def test_the_papers_recipe_can_be_flown_once_it_is_trained(run, tmp_path: Path) -> None:
-    """In one command it is trained first; here that stops at what training refuses."""
-    stops = ["--set", "policy.bundle=policy.zip", "--out", "out"]
-    refused(run("reproduce", "paper-recipe", *stops), "train it first")
-    refused(run("reproduce", "paper", "paper-recipe", "--quick", *stops), "train it first")
-    refused(run("reproduce", "paper", "paper-recipe", *stops), "the policy that is trained")
-    assert entries(tmp_path) == set()
-
-
-# --- what is printed ------------------------------------------------------------------------------
+def test_refusals(run, tmp_path: Path, arguments: list[str], words: list[str]) -> None:
+    """In one line, and nothing is written or replaced."""
+    for name in ("mine.nc", "flight.nc", "mine.obj"):
+        (tmp_path / name).write_text("the only copy")
+    log = synthetic_log(3, ranges=False)
+    made = FlightLog(log.dataset.assign_attrs(controller="Proportional"), log.body)
+    made.to_netcdf(tmp_path / "made.nc")
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    refused(run(*arguments), *words)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_long_work_without_a_terminal_tells_of_its_progress(
@@ -410,18 +253,6 @@ def test_long_work_without_a_terminal_tells_of_its_progress(
         monkeypatch.setattr(common, "_SECONDS_PER_LINE", 0.0)
         progress(0.5, "5 of 10 flights")
         assert capfd.readouterr().err == "50 % 5 of 10 flights\n"
-
-
-# --- help -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("command", ["fly", "evaluate", "replay"])
-def test_help(run, command: str) -> None:
-    ran = run(command, "-h")
-    assert ran.code == 0
-    assert f"proxops {command}" in ran.out
-    assert "Example" in ran.out
-    assert "--out" in ran.out
 
 
 def test_as_a_process(tmp_path: Path) -> None:
@@ -439,13 +270,7 @@ def test_as_a_process(tmp_path: Path) -> None:
     assert entries(tmp_path) == set()
 
 
-# --- version, missing files, strangers' logs ------------------------------------------------------
-
-
-def test_version(run) -> None:
-    ran = run("--version")
-    assert ran.code == 0
-    assert ran.out == f"proxops {metadata.version('proxops')}\n"
+# --- strangers' logs ------------------------------------------------------------------------------
 
 
 def test_a_log_runs_no_code_of_its_own(run, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections.abc import Callable
@@ -16,7 +15,6 @@ import onnx
 import pytest
 import torch
 import xarray as xr
-from commands import proxops
 from onnx import TensorProto, helper
 from synthetic_log import synthetic_log
 
@@ -100,20 +98,6 @@ def test_hostile_scenario(what: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert [path.name for path in tmp_path.iterdir()] == ["theirs.yaml"]
 
 
-def test_a_message_is_one_line_of_plain_letters(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A terminal obeys control characters, so a file must not bring them there."""
-    monkeypatch.chdir(tmp_path)
-    Path("theirs.yaml").write_text('"\\e]0;title\\a\\e[2Jkey": 1\n')
-    assert proxops("fly", "theirs.yaml") == 2
-    said = capsys.readouterr().err
-    assert said.startswith("proxops: error: theirs.yaml: there is no key")
-    assert said.endswith("\n")
-    assert said.removesuffix("\n").isprintable()
-    assert len(said) < LONGEST
-
-
 # --- bundles --------------------------------------------------------------------------------------
 
 
@@ -163,22 +147,6 @@ def test_a_network_has_built_in_operators_only(
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("location", ["secret", "../secret"])
-def test_a_policy_with_weights_elsewhere(location: str, tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(ASSETS / "end_to_end", tmp_path / "bundle"))
-    (folder / "secret").write_bytes(bytes(12))
-    put_network(folder / "policy.json", network_with_weights_at(location))
-    refused(lambda: PolicyBundle.load(folder), "weights from other files")
-
-
-def put_network(described: Path, model: bytes, **changes: object) -> None:
-    """Puts a network and its hash into a bundle."""
-    (described.parent / "model.onnx").write_bytes(model)
-    content = json.loads(described.read_text()) | changes
-    content["model_sha256"] = hashlib.sha256(model).hexdigest()
-    described.write_text(json.dumps(content))
-
-
 def change(described: Path, **changes: object) -> None:
     described.write_text(json.dumps(json.loads(described.read_text()) | changes))
 
@@ -197,28 +165,6 @@ def test_hostile_json(text: str, tmp_path: Path) -> None:
     refused(lambda: LidarBundle.load(folder), "bundle.json is")
     with pytest.raises(InputError):
         PackedFlights(folder)
-
-
-def test_texts_of_a_bundle_name_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The body and the recipe of a bundle are names for messages: nothing is opened by them."""
-    monkeypatch.chdir(tmp_path)
-    folder = Path(shutil.copytree(ASSETS / "end_to_end", tmp_path / "bundle"))
-    change(folder / "policy.json", body="../../../etc/passwd", recipe="../secret")
-    bundle = PolicyBundle.load(folder)
-    assert (bundle.body, bundle.recipe) == ("../../../etc/passwd", "../secret")
-
-
-LIDAR = {
-    "format": "proxops learned lidar 1", "planes": 12, "rays": 360, "cube_m": 4e5,
-    "body": "Kleopatra", "shape_sha256": "0" * 64, "training": {}, "versions": {},
-    "centre_m": [0.0, 0.0, 0.0], "semi_axes_m": [1e5, 1e5, 1e5], "model_sha256": "",
-}  # fmt: skip
-
-
-def test_a_lidar_with_weights_elsewhere(tmp_path: Path) -> None:
-    (tmp_path / "bundle.json").write_text(json.dumps(LIDAR))
-    put_network(tmp_path / "bundle.json", network_with_weights_at("../secret"))
-    refused(lambda: LidarBundle.load(tmp_path), "weights from other files")
 
 
 # --- flight logs ----------------------------------------------------------------------------------
@@ -272,14 +218,6 @@ def test_values_that_cannot_be(name: str, value: float, tmp_path: Path) -> None:
         data[name] = xr.full_like(data[name], value, dtype=float)
 
     use_or_refuse(written(tmp_path, change))
-
-
-@pytest.mark.parametrize("name", ["time", "state", "target", "force", "decision", "mesh_facets"])
-@pytest.mark.parametrize("other", [("word", ["a", "b"]), (("a", "b", "c"), [[[1.0]]])])
-def test_dimensions_that_cannot_be(name: str, other: tuple, tmp_path: Path) -> None:
-    path = written(tmp_path, lambda data: data.drop_vars(name).assign({name: other}))
-    with pytest.raises(InputError, match=r"flight\.nc"):
-        FlightLog.load(path)
 
 
 def use_or_refuse(path: Path) -> None:
