@@ -64,6 +64,15 @@ def test_no_thrust_at_all_ends_in_a_hover(held_flight: FlightLog) -> None:
     assert 100.0 < summary["intervention_delta_v_m_s"] < 300.0
 
 
+def test_interventions_for_the_keep_out_are_counted_apart(held_flight: FlightLog) -> None:
+    outwards = Scripted(lambda time: np.array([9.0, 0.0, 0.0]))
+    clipped = fly(short_scenario(assurance={}, **BRIEF), outwards).summary
+    assert clipped["interventions"] == clipped["steps"]
+    assert clipped["interventions_keep_out"] == 0
+    held = held_flight.summary
+    assert 0 < held["interventions_keep_out"] <= held["interventions"]
+
+
 def test_log_tells_each_intervention(held_flight: FlightLog, tmp_path) -> None:
     data = held_flight.dataset
     force, change = data["force"].values[:-1], data["intervention"].values[:-1]

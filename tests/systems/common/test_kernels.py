@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numba
@@ -114,30 +115,37 @@ def test_other_functions_keep_numba_s_own_folder() -> None:
     assert folder() == before
 
 
-@pytest.mark.parametrize("home", ["/dev/null/x"])
-@pytest.mark.parametrize("temporary", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_without_a_home_it_works_and_says_nothing(
-    tmp_path: Path, home: str, temporary: bool
-) -> None:
+def test_folders_that_are_not_used_for_a_month_go(tmp_path: Path) -> None:
+    month = 31 * 86400.0
+    for name, age in (("old", month), ("new", 0.0)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "kept.nbi").write_text("")
+        os.utime(tmp_path / name, (time.time() - age, time.time() - age))
+    kernels._remove_unused(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]
+
+
+@pytest.mark.parametrize("temporary", [True, False])
+def test_without_a_home_it_works_and_says_nothing(package: Path, temporary: bool) -> None:
     """In an installation that cannot be written either."""
-    folder = str(tmp_path) if temporary else "/proc/nowhere"
-    code = (
+    code = package.parents[1]
+    folder = str(code / "kept") if temporary else "/proc/nowhere"
+    (code / "kept").mkdir()
+    script = (
         f"import tempfile; tempfile.tempdir = {folder!r}\n"
-        "import numpy as np, proxops.systems\n"
-        "from proxops.systems.shapes.ellipsoid import closest_point\n"
-        "point = closest_point(np.ones(3), np.array([2.0, 0.0, 0.0]))\n"
-        "print(point, closest_point.stats.cache_path)\n"
+        "from proxops.systems.outer import outer\n"
+        "print(outer(3.0), outer.stats.cache_path)\n"
     )
-    given = {"HOME": home, "XDG_CACHE_HOME": "", "NUMBA_CACHE_DIR": ""}
-    environment = os.environ | given | {"PYTHONDONTWRITEBYTECODE": "1"}
+    given = {"HOME": "/dev/null/x", "XDG_CACHE_HOME": "", "NUMBA_CACHE_DIR": ""}
+    given |= {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(code)}
     ran = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], env=environment,
+        [sys.executable, "-W", "error", "-c", script], cwd=code, env=os.environ | given,
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert ran.stderr == ""
-    point, _, kept = ran.stdout.partition("] ")
-    assert point == "[1. 0. 0."
-    assert kept.startswith(f"{tmp_path}/proxops-{os.getuid()}/" if temporary else "None\n")
+    value, _, kept = ran.stdout.partition(" ")
+    assert value == "2.5"
+    assert kept.startswith(f"{folder}/proxops-{os.getuid()}/" if temporary else "None\n")
 
 
 @pytest.fixture

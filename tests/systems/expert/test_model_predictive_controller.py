@@ -163,6 +163,19 @@ def test_old_plan_is_relinearised_until_it_settles():
             assert force == pytest.approx(cold, abs=0.03)
 
 
+def test_old_plan_that_does_not_settle_is_none():
+    controller, program = counting_expert()
+    context = alone(START, controller=controller)
+    remember(controller, context)
+    context.SetTime(30 * PERIOD)
+    state = np.array([0.0, -90e3, -40e3, 0.0, 0.0, 0.0])
+    controller.GetInputPort("state").FixValue(context, state)
+    program.calls.clear()
+    force = force_of(context, controller)
+    assert program.calls == 5 * [1] + [COLD]
+    assert np.array_equal(force, force_of(alone(state, controller=controller), controller))
+
+
 # Any state is answered
 
 
@@ -388,6 +401,35 @@ def test_last_plan_is_continued_by_the_clock():
     states, forces = logged(simulator, "state"), logged(simulator, "force")
     for step in (51, 52, 60):
         assert forces[step] == pytest.approx(force_of(alone(states[step])), abs=0.01)
+
+
+def test_failed_plan_of_one_step_is_tried_once_more_from_nothing():
+    """A bad previous plan is not allowed to make a good state fail."""
+
+    class Fussy(CountingProgram):
+        def solve(
+            self,
+            state,
+            target,
+            previous=None,
+            age=0.0,
+            iterations=1,
+            disturbance=None,
+            longest=np.inf,
+        ) -> Plan:
+            if previous is not None:
+                self.calls.append(-iterations)
+                raise SolverFailure(SolutionResult.kSolverSpecificError)
+            return super().solve(state, target, previous, age, iterations, disturbance, longest)
+
+    like = expert().program
+    program = Fussy(like.field, like.spin, like.limits, like.horizon)
+    simulator = simulator_of(flight(ModelPredictiveController(program, PERIOD)))
+    simulator.AdvanceTo(2.5 * PERIOD)
+    assert program.calls == [COLD, -1, COLD, -1, COLD]
+    records = logged(simulator, "record")
+    assert records[:, 1].tolist() == 3 * [SOLVED]
+    assert records[1:, 2].tolist() == 2 * [PlanReason.SOLVED_ANEW_AFTER_FAILURE]
 
 
 def test_braking_takes_the_speed_off_within_the_limits():

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import numba
 import numpy as np
@@ -20,6 +21,7 @@ from plain_polyhedral_gravity import G, PlainPolyhedralGravity, box, star_shaped
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems.common.errors import InputError
 from proxops.systems.gravity import _polyhedral_kernel as kernel
+from proxops.systems.gravity import gravity_field
 from proxops.systems.gravity._far_field import fit_masses
 from proxops.systems.gravity.gravity_field import GravityField
 from proxops.systems.shapes.polyhedron import Polyhedron
@@ -572,6 +574,19 @@ if child == 0:
 raise SystemExit(os.waitpid(child, 0)[1])
 """
     assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("kept", "says"),
+    [(None, "set XDG_CACHE_HOME"), ("elsewhere", "once"), ("here", "")],
+)
+def test_it_says_that_it_compiles(tmp_path, monkeypatch, caplog, kept, says) -> None:
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "kernel.evaluate_serial-340.py311.nbi").write_text("")
+    stats = SimpleNamespace(cache_hits={}, cache_path=kept and str(tmp_path / kept))
+    monkeypatch.setattr(kernel, "evaluate_serial", SimpleNamespace(stats=stats))
+    gravity_field._announce_compilation.__wrapped__()
+    assert says in caplog.text if says else caplog.text == ""
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import trimesh
 from jacobi import jacobi_integral
 
 from proxops.diagrams.scenario.body import load_body
-from proxops.systems import GravityField, Polyhedron
+from proxops.systems import GravityField, InputError, Polyhedron
 from proxops.systems.gravity.equilibria import find_equilibria, linear_modes, synchronous_radius
 from proxops.systems.gravity.surface_maps import effective_field, plane_cut, surface_map
 
@@ -245,3 +245,13 @@ def test_about_z_of_the_radar_model_they_are_nearly_the_same(kleopatra: GravityF
     assert [point.growing for point in found] == PUBLISHED_GROWING
     apart = np.linalg.norm([point.position for point in found] - 1e3 * PUBLISHED, axis=1)
     assert apart.max() < 1000.0
+
+
+def test_starts_may_be_given(kleopatra: GravityField) -> None:
+    near = np.array([[140e3, 0.0, 0.0], [141e3, 1e3, 0.0]])
+    [point] = find_equilibria(kleopatra, PUBLISHED_SPIN, near)
+    assert point.position == pytest.approx(1e3 * PUBLISHED[0], abs=1e3)
+    with pytest.raises(InputError, match="points must have shape"):
+        find_equilibria(kleopatra, PUBLISHED_SPIN, np.zeros(3))
+    with pytest.raises(InputError, match="spin must be finite"):
+        find_equilibria(kleopatra, np.nan)

@@ -197,6 +197,14 @@ def test_what_it_says_of_the_keep_out_is_enough(axes: list[float]) -> None:
         GuidancePolicy(ASSETS / "any_body", half, 7.0)
 
 
+def test_what_it_says_of_the_control_period_is_enough(bundle: Path) -> None:
+    told = surroundings(short_scenario(), kleopatra())
+    with pytest.raises(InputError, match="Give a control period up to") as caught:
+        GuidancePolicy(bundle, dataclasses.replace(told, period=100.0), 7.0)
+    (longest,) = map(float, re.findall(r"up to (\S+) s\.", str(caught.value)))
+    GuidancePolicy(bundle, dataclasses.replace(told, period=0.999 * longest), 7.0)
+
+
 def test_a_body_that_is_longest_along_y_is_flown_like_one_along_x(bundle: Path) -> None:
     """A body and a flight that are turned by a quarter about z get forces that are turned."""
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

@@ -8,6 +8,7 @@ from known_policies import RAYS, Counting, DeadReckoning, remember, write_policy
 from short_flights import kleopatra
 
 from proxops.systems import InputError, LidarGeometry, NeuralPolicy, PolicyBundle, PolicyStatus
+from proxops.systems.policy import neural_policy
 
 TARGET = np.array([160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
 FRAME = np.full(RAYS, np.inf)
@@ -89,6 +90,15 @@ def test_two_contexts_do_not_touch(counting: Path) -> None:
     remember(policy, copy)
     remember(policy, copy)
     assert outputs(policy, copy)["force"].tolist() == outputs(policy, context)["force"].tolist()
+
+
+def test_a_fault_of_the_program_ends_the_flight(counting: Path, monkeypatch) -> None:
+    def failing(*arguments):
+        raise KeyError("memory")
+
+    monkeypatch.setattr(neural_policy, "run_network", failing)
+    with pytest.raises(RuntimeError, match="policy failed: 'memory'"):
+        flown(NeuralPolicy(counting), APPLIED[:1])
 
 
 def test_policy_for_something_else_is_refused(counting: Path) -> None:
