@@ -19,7 +19,7 @@ from typing import Any
 import psutil
 import pytest
 from short_flights import BRIEF, short_scenario
-from worker_tasks import kills_its_process
+from worker_tasks import kills_its_process, process_of
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight import Workers, campaign
@@ -176,6 +176,25 @@ def test_resumes(tmp_path: Path, flown: list[str]) -> None:
     run_campaign(flights(1), tmp_path, workers=Workers(1), keep_logs=True)
     assert flown == [flight.name for flight in [*flights(2), *flights(1)]]
     assert FlightLog.load(tmp_path / f"{flown[0]}.nc").scenario == flights(1)[0].scenario
+
+
+def test_unfinished_files_are_ignored(tmp_path: Path, flown: list[str]) -> None:
+    name = flights(1)[0].name
+    (tmp_path / f".{name}.json.abc.part").write_text('{"flight": {"na')
+    (tmp_path / f".{name}.nc.abc.part").write_bytes(b"\x89HDF")
+    (tmp_path / f"{name}.nc").write_bytes(b"a log without a summary: overwritten")
+    [row] = run_campaign(flights(1), tmp_path, workers=Workers(1), keep_logs=True)
+    assert row["steps"] == 15
+    assert flown == [name]
+    assert FlightLog.load(tmp_path / f"{name}.nc").summary == row
+
+
+def test_a_scheduler_takes_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "dask.distributed", None)
+    with pytest.raises(
+        InputError, match=r"dask is not installed: pip install 'proxops\[cluster\]'"
+    ):
+        list(Workers(scheduler="tcp://127.0.0.1:9").results(flights(1), process_of))
 
 
 def test_campaigns_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from known_policies import DeadReckoning, write_policy
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
-from short_flights import flown_and_taken_up, kleopatra, short_scenario
+from short_flights import Scripted, flown_and_taken_up, kleopatra, short_scenario
 
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_controllers import named_controller
@@ -18,6 +18,7 @@ from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems import (
     DecisionReason,
+    InputError,
     ModelPredictiveController,
     ReachModel,
 )
@@ -188,6 +189,19 @@ def test_noisy_state_is_the_expert_s_alone(bundle: Path, trusting: FlightLog) ->
     assert "mpc_force" in differences(log, other)
 
 
+def test_policies_that_do_not_fit_are_refused() -> None:
+    """With the messages of the flight alone: see `test_transit_diagram`."""
+    late, wide, mute = Scripted(), Scripted(ports=[("target", 3)]), Scripted(output="thrust")
+    late.delay = 5.0
+    for policy, complaint in (
+        (late, "cannot fly .* with a delay of 5 s: the MPC's command has none"),
+        (wide, "input port 'target' has size 3, but the signal of this name has size 6"),
+        (mute, "needs an output port 'force' of size 3; it has 'thrust' of size 3"),
+    ):
+        with pytest.raises(InputError, match=complaint):
+            make_hybrid(short_scenario(), kleopatra(), policy)
+
+
 # --- a whole flight -------------------------------------------------------------------------------
 
 
@@ -251,14 +265,13 @@ class AtTheBody(LeafSystem):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("index", [0])
-def test_adaptive_keeps_out_a_policy_that_means_harm(index: int) -> None:
+def test_adaptive_keeps_out_a_policy_that_means_harm() -> None:
     """By this gate it agrees at every check: only the period keeps it out; a fixed one does not."""
 
     def clearance(**rule: object) -> float:
         settings = {f"hybrid.{name}": value for name, value in rule.items()} | {
             "hybrid.epsilon_magnitude_n": 1e3, "log_ranges": False, "transit.seed": 61,
-            "transit.index": index, "arrival.deadline_s": 3000.0,
+            "transit.index": 0, "arrival.deadline_s": 3000.0,
         }  # fmt: skip
         scenario = load_scenario(None, settings)
         log = fly(scenario, make_hybrid(scenario, kleopatra(), AtTheBody()))

@@ -4,6 +4,7 @@ import dataclasses as dc
 import gc
 import hashlib
 import os
+import pickle
 import subprocess
 import sys
 from importlib import metadata
@@ -30,7 +31,8 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.columns import NAVIGATION_COLUMNS, VARIABLES
 from proxops.diagrams.logs.flight_log import FlightLog, differences, make_dataset
 from proxops.diagrams.logs.flight_summary import fallback_steps
-from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario_config import TruthConfig
 from proxops.systems import InputError, TransitProgram
 from proxops.systems.common.errors import SolverFailure
 
@@ -315,6 +317,13 @@ def test_damaged_file_is_refused_or_reads_the_same_mesh(tmp_path: Path) -> None:
     gc.collect()  # Now, while the warnings of its leavings are let pass.
 
 
+def test_folder_in_the_way(tmp_path: Path) -> None:
+    (tmp_path / "flight.nc").mkdir()
+    with pytest.raises(InputError, match="cannot write"):
+        synthetic_log(3, ranges=False).to_netcdf(tmp_path / "flight.nc")
+    assert list(tmp_path.iterdir()) == [tmp_path / "flight.nc"]
+
+
 KILLED_WRITER = """
 import os, random, signal, sys, time
 from pathlib import Path
@@ -364,6 +373,21 @@ def test_killed_while_writing(tmp_path: Path) -> None:
     killed, unfinished = map(int, done.stdout.split())
     assert killed == 8
     assert unfinished > 0  # Some were in the midst of it.
+
+
+def test_the_true_body_is_made_once() -> None:
+    """And a copy, by pickling for instance, does not carry it along."""
+    plain = synthetic_log(3, ranges=False)
+    scenario = dc.replace(plain.scenario, truth=TruthConfig(pole_deg=[3.0, 0.0], spin=1.1))
+    data = plain.dataset.assign_attrs(scenario=dump_scenario(scenario))
+    log = FlightLog(data, plain.body)
+    assert log.true_body is log.true_body
+    assert log.differing_body is log.true_body
+    assert plain.differing_body is None
+    again = pickle.loads(pickle.dumps(log))
+    assert vars(again).keys() == {"dataset", "body"}
+    assert differences(log, again) == []
+    np.testing.assert_array_equal(again.true_body.spin, log.true_body.spin)
 
 
 def test_a_notebook_shows_figures_not_a_repr() -> None:

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from meshcat_pages import messages
 from short_flights import kleopatra
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.meshcat.lidar_scene import plane_edges
-from proxops.diagrams.meshcat.notebook_view import show_flight
+from proxops.diagrams.meshcat.notebook_view import show_body, show_flight
 from proxops.systems import Lidar, LidarErrors
 
 POSITION = np.array([150e3, 40e3, 60e3])
@@ -39,6 +40,16 @@ def test_flight_is_the_replay(pages: list[str]) -> None:
     show_flight(log)
     assert f"<title>{log.body.config.name}, hybrid</title>" in pages[0]
     assert 'id="legend"' in pages[0]
+
+
+def test_body_with_markers(pages: list[str]) -> None:
+    show_body(kleopatra(), np.array([[150e3, 0.0, 0.0], [0.0, 110e3, 0.0]]))
+    show_body(kleopatra())
+    marked, plain = (b"".join(messages(page)) for page in pages)
+    for name in (b"/body", b"/keep_out", b"/markers/2"):
+        assert name in marked
+    assert b"/markers/3" not in marked
+    assert b"/markers" not in plain
 
 
 def test_rays_end_on_the_body_or_short_of_its_distance() -> None:

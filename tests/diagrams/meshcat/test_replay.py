@@ -1,5 +1,6 @@
 """A replay is one HTML page that needs nothing else and holds the flight that is in the log."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from pydrake.geometry import Meshcat
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.logs.flight_log import FlightLog
+from proxops.diagrams.logs.legend import REASONS
 from proxops.diagrams.meshcat import replay
 from proxops.diagrams.meshcat.camera_views import viewpoints
 from proxops.diagrams.meshcat.meshcat_scene import (
@@ -17,6 +19,8 @@ from proxops.diagrams.meshcat.meshcat_scene import (
     add_returns,
     quiet_meshcat,
 )
+from proxops.diagrams.scenario import AssuranceConfig, dump_scenario
+from proxops.systems.assurance import AssuranceBounds, InterventionReason
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +65,41 @@ def test_panel_knows_the_flight(log: FlightLog, page: str) -> None:
     assert min(told["clearance"]) == pytest.approx(log.summary["min_clearance_m"], abs=50.0)
     decisions = data["decision"].values
     assert told["who"] == [*decisions[:-1], decisions[-2]]
+
+
+def test_filter_tells_margin_reason_and_bounds(log: FlightLog, tmp_path: Path) -> None:
+    count = len(log.dataset["time"])
+    margins = np.linspace(3e3, 1e3, count)
+    margins[100:140], margins[:5], margins[200:210] = -50.0, np.nan, -np.inf
+    reasons = np.zeros(count)
+    reasons[100:140] = InterventionReason.KEEP_OUT
+    reasons[200:210] = InterventionReason.BACKUP
+    columns = {
+        "intervention": np.where(reasons > 0.0, 1.0, 0.0),
+        "intervention_reason": reasons,
+        "assurance_margin": margins,
+    }
+    config = AssuranceConfig(bounds=AssuranceBounds(thrust=0.05, acceleration_m_s2=3e-3))
+    scenario = dump_scenario(dataclasses.replace(log.scenario, assurance=config))
+    dataset = log.dataset.assign({name: ("time", values) for name, values in columns.items()})
+    filtered = FlightLog(dataset.assign_attrs(scenario=scenario), log.body)
+    replay.write_replay(filtered, tmp_path / "replay.html")
+    page = (tmp_path / "replay.html").read_text(encoding="utf-8")
+    told = known(page)["assurance"]
+    words = [told["reasons"][str(reason)][0] for reason in told["reason"]]
+    assert words[99:101] == ["passes", REASONS[InterventionReason.KEEP_OUT].name]
+    assert told["margin"][0] is None
+    assert told["margin"][200] == "-inf"
+    assert "allows for: thrust 0.05, acceleration 0.003 m/s^2, 4σ of the navigation<" in page
+    # The curve is above the line of zero where the margin is positive, and below elsewhere.
+    (zero,) = re.findall(r'd="M0 ([\d.]+)H1000"', page)
+    (points,) = re.findall(r'polyline points="([^"]*)"', page)
+    heights = np.array([float(point.split(",")[1]) for point in points.split()])
+    assert len(heights) == count - 5
+    np.testing.assert_array_equal(heights < float(zero), margins[5:] > 0.0)
+    spans = re.findall(r'<rect x="([\d.]+)" width="([\d.]+)"', page)
+    expected = 1e3 / (count - 1) * np.array([[100.0, 40.0], [200.0, 10.0]])
+    np.testing.assert_allclose(np.array(spans, dtype=float), expected, atol=0.06)
 
 
 def test_views_fit_body_and_path(log: FlightLog) -> None:

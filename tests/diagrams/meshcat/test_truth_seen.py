@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from contact_binary import contact_binary
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
 from meshcat_pages import points_told
@@ -18,7 +19,7 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.meshcat.meshcat_scene import quiet_meshcat
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
-from proxops.diagrams.plots import plot_truth
+from proxops.diagrams.plots import draw_body, plot_truth
 from proxops.diagrams.plots.outlines import outline
 from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.polyhedron import Polyhedron
@@ -135,6 +136,22 @@ def test_outline_parts_what_is_covered_from_what_is_not(name: str, plane: tuple[
     assert 30 < changes.sum() < 270
     # Where one edge goes behind another, half a part of an edge may be missing.
     assert (odd != changes).mean() <= 0.03
+
+
+def test_plot_shows_truth_and_map(log: FlightLog, ax: Axes) -> None:
+    draw_body(ax, log.body, "xz", log.true_body)
+    [silhouette] = [each for each in ax.collections if isinstance(each, PolyCollection)]
+    corners = np.concatenate([path.vertices for path in silhouette.get_paths()])
+    extents = log.body.shape.extents[[0, 2]] / 1e3
+    np.testing.assert_allclose(np.ptp(corners, axis=0), 1.02 * extents)
+    dashed = np.concatenate(
+        [line.get_xydata() for line in ax.lines if line.get_linestyle() == "--"]
+    )
+    np.testing.assert_allclose(np.ptp(dashed, axis=0), extents)
+    believed, true = (np.array(line.get_xydata()) for line in ax.lines[-2:])
+    assert not believed[:, 0].any()
+    slope = np.diff(true[:, 0]) / np.diff(true[:, 1])
+    np.testing.assert_allclose(slope, log.true_body.spin[0] / log.true_body.spin[2])
 
 
 def test_true_attitude_mass_and_thrust(log: FlightLog) -> None:

@@ -69,3 +69,13 @@ def test_plane_cut_marks_the_equilibria_in_it(field: GravityField, ax: Axes) -> 
         expected = equilibria[int(name[1]) - 1].position[[0, 2]] / 1e3
         np.testing.assert_allclose(place, expected, atol=1e-9)
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (km)", "z (km)")
+
+
+def test_equilibria_are_one_page(field: GravityField) -> None:
+    figure = surface_plots.plot_equilibria(field, SPIN, "an egg", count=61)
+    ax = figure.axes[0]
+    assert [text.get_text() for text in ax.texts] == ["E1", "E2", "E3", "E4", "E5"]
+    named = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"stable", "unstable, one growing mode"} <= named
+    assert figure.get_suptitle() == "an egg"
+    assert len(png(figure)) > 15_000

@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from short_flights import kleopatra
 
+from proxops.diagrams.flight.hybrid_controller import zero_hybrid
 from proxops.diagrams.scenario.bounds import uncertainty_set
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import TruthConfig
@@ -134,6 +135,16 @@ def test_closed_forms(tmp_path: Path, text: str, acceleration: float) -> None:
     assert bounds.acceleration_m_s2 == pytest.approx(acceleration)
 
 
+def test_values_one_by_one_and_from_a_file(tmp_path: Path) -> None:
+    path = write(tmp_path, "gravity: 0.1\nthrust_direction_deg: 2\nvelocity_m_s: 0.5\n")
+    for text in (path, "{gravity: 0.1, thrust_direction_deg: 2, velocity_m_s: 0.5}"):
+        bounds = bounds_of(f"assurance={{bounds: {text}}}")
+        assert (bounds.gravity, bounds.velocity_m_s) == (0.1, 0.5)
+        assert math.radians(bounds.thrust_direction_deg) == pytest.approx(math.radians(2.0))
+    assert bounds_of("assurance.bounds.position_m=300").position_m == 300.0
+    assert bounds_of("assurance={}").gravity == 0.0
+
+
 OWN = [
     "truth.gravity=0.95", "truth.thrusters.scale=[1.0, 0.9, 1.02]", "truth.lidar.bias_m=20",
     "force_noise={std_n: 0.02}", "kicks={velocity_std_m_s: 0.001}",
@@ -204,3 +215,19 @@ def test_warns_of_what_may_exceed_the_bounds(tmp_path: Path) -> None:
 def test_refuses_a_file(tmp_path: Path, text: str, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
         bounds_of(f"assurance={{bounds: {write(tmp_path, text)}}}")
+
+
+def test_the_adaptive_schedule_allows_for_the_bounds() -> None:
+    """Whatever errs brings the ellipsoid nearer, so checks are not later."""
+    state = [0.0, 0.0, 80e3, 0.0, 0.0, -10.0]
+    steps = []
+    for text in (
+        "assurance=null",
+        "assurance={bounds: {thrust: 0.1, gravity: 0.1, surface_m: 500}}",
+    ):
+        selector = zero_hybrid(load_scenario(None, [text]), kleopatra()).GetSubsystemByName(
+            "selector"
+        )
+        errors = selector.position_error, selector.velocity_error
+        steps.append(selector.reach.steps_out_of_reach(state, 10.0, 100, *errors, stopping=True))
+    assert 0 < steps[1] < steps[0]

@@ -11,6 +11,7 @@ from proxops.assets import ASSETS
 from proxops.diagrams.scenario.dispersions import load_dispersions
 from proxops.diagrams.scenario.distributions import (
     Distribution,
+    Fixed,
     HalfNormal,
     LogUniform,
     Normal,
@@ -128,6 +129,17 @@ def test_units(tmp_path: Path) -> None:
     assert scenario.spacecraft.mass_kg == pytest.approx(150.0)
     assert scenario.truth.lidar.latency_steps == 2
     assert scenario.dispersed == ["truth.lidar.latency_steps"]
+
+
+def test_a_mesh_lies_beside_its_file(tmp_path: Path) -> None:
+    """Workers, and whoever flies a log again, may be in another folder."""
+    name = write(tmp_path, "truth.mesh: {choice: [a.obj, null, /b/c.obj]}\n")
+    found = {
+        drawn(name, index, **{"truth.mesh_of_any_size": True}).truth.mesh for index in range(30)
+    }
+    assert found == {str(tmp_path / "a.obj"), None, "/b/c.obj"}
+    [fixed] = load_dispersions(write(tmp_path, "truth.mesh: a.obj\n"))
+    assert fixed.distribution == Fixed(str(tmp_path / "a.obj"))
 
 
 # --- bad input ------------------------------------------------------------------------------------

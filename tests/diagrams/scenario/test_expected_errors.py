@@ -11,6 +11,7 @@ from short_flights import kleopatra
 
 from proxops.diagrams.scenario import (
     LidarNavigationConfig,
+    TrueStateConfig,
     believed,
     draw_world,
     filter_tuning,
@@ -42,6 +43,24 @@ def told(folder: Path, text: str, *changes: str) -> ExpectedErrors:
     (folder / "mine.yaml").write_text(text)
     scenario = load_scenario(None, [LIDAR, f"dispersions={folder / 'mine.yaml'}", *changes])
     return filter_tuning(believed(draw_world(scenario, kleopatra())), kleopatra())
+
+
+def test_the_two_kinds_of_navigation() -> None:
+    assert load_scenario(None, [LIDAR]).navigation == LidarNavigationConfig()
+    assert load_scenario(None, ["navigation=!TrueState {}"]).navigation == TrueStateConfig()
+    set_one = load_scenario(None, ["navigation.expected.gravity=0.2"]).navigation
+    assert isinstance(set_one, LidarNavigationConfig)
+    assert set_one.expected is not None
+    assert (set_one.expected.gravity, set_one.expected.attitude_deg) == (0.2, 1.0)
+    with pytest.raises(InputError, match="navigation cannot be !Stars; choose from !LidarNav"):
+        load_scenario(None, ["navigation=!Stars {}"])
+    with pytest.raises(InputError, match="navigation: TrueStateConfig has no keys, got 'expected'"):
+        load_scenario(None, ["navigation=!TrueState {expected: null}"])
+
+
+def test_no_errors_are_expected_of_the_truth() -> None:
+    with pytest.raises(InputError, match="TrueState"):
+        filter_tuning(load_scenario(None, ["navigation=!TrueState {}"]), kleopatra())
 
 
 # --- what is told ---------------------------------------------------------------------------------
@@ -197,3 +216,8 @@ def test_rms_is_that_of_the_values(distribution: Distribution, within: float, ab
     assert distribution.rms(about) == pytest.approx(
         np.sqrt(np.mean((values - about) ** 2)), rel=within, abs=1e-9
     )
+
+
+def test_texts_have_no_rms() -> None:
+    assert Choice(("x", "y")).rms(0.0) is None
+    assert Fixed("x").rms(0.0) is None

@@ -198,6 +198,12 @@ def test_kleopatra() -> None:
     assert body.gravity_field.mass == pytest.approx(body.config.mass_kg, rel=1e-14)
 
 
+@pytest.mark.parametrize("name", ["itokawa", "", "..", "a\nb"])
+def test_unknown_body(name: str) -> None:
+    with pytest.raises(InputError, match=r"does not ship with proxops \(kleopatra does\)"):
+        load_body(name)
+
+
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [

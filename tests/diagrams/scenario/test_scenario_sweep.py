@@ -16,6 +16,7 @@ from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, par
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems.common import limits_of
 from proxops.systems.common.errors import InputError
+from proxops.systems.lidar import LearnedLidarConfig
 
 VALUES: tuple[typing.Any, ...] = (
     math.nan, math.inf, -math.inf, 0, -1, 1e300, 1e-300, 1e22, 10**22, 10**400,
@@ -72,6 +73,12 @@ def test_values_are_refused_or_read(key: str) -> None:
     if FIELDS[key].type in (int, float):
         assert limits is not None, "a number has limits"
         assert all(limits[0] <= value <= limits[1] for value in read)
+
+
+@pytest.mark.parametrize("field", [field.name for field in dc.fields(LearnedLidarConfig)])
+def test_values_of_a_learned_lidar_are_refused_or_read(field: str) -> None:
+    for value in VALUES:
+        loaded({"lidar": {"_tag": "!LearnedLidar", "bundle": "folder", field: value}})
 
 
 def flown_values(key: str) -> list[typing.Any]:

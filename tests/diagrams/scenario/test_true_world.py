@@ -3,6 +3,7 @@
 import types
 import typing
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
-from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.transits import UnflyableWorldError
@@ -117,19 +117,20 @@ class Keeps(PdController):
         self.scenario, self.body = scenario, body
 
 
+@cache
+def untrue_world() -> tuple[Scenario, TrueBody]:
+    """Everything is other than believed."""
+    settings = {**EVERYTHING, "assurance": {}, "hybrid.period_rule": "adaptive"}
+    scenario = load_scenario(None, settings)
+    return scenario, make_true_body(kleopatra(), scenario.truth)
+
+
 @pytest.mark.parametrize(
-    "name",
-    [
-        "mpc", "policy", "hybrid", "pd", "mpc:end-to-end", "zero", f"{__name__}:Keeps",
-    ],
-)  # fmt: skip
+    "name", ["mpc", "policy", "hybrid", "pd", "mpc:end-to-end", f"{__name__}:Keeps"]
+)
 def test_controllers_hold_nothing_true(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(Path(__file__).parents[3])
-    scenario = load_scenario(
-        None, {**EVERYTHING, "assurance": {}, "hybrid.period_rule": "adaptive"}
-    )
-    body = load_body("kleopatra")
-    true_body = make_true_body(body, scenario.truth)
+    (scenario, true_body), body = untrue_world(), kleopatra()
     controller = named_controller(name, believed(scenario), body)
     diagram = make_transit_diagram(scenario, controller, body=body, true_body=true_body)
     on_board = ("assurance", "navigation", "navigation_parts", "command_axes")
