@@ -116,6 +116,13 @@ def test_follows_a_change_that_keeps_the_size(logs: Path) -> None:
     assert after.state[changed[0][0], 0] == 1.5e5
 
 
+def test_leftovers_of_a_killed_process_are_cleared(logs: Path) -> None:
+    (logs / ".packed.abcd.folder").mkdir()
+    (logs / ".packed.abcd.folder" / "state.bin").write_bytes(b"half")
+    pack_flights(logs)
+    assert not list(logs.glob(".packed.*.folder"))
+
+
 PACK = """
 import os, sys
 from proxops.training.data import pack_flights
@@ -144,6 +151,20 @@ def test_a_killed_process_leaves_the_old_set(logs: Path) -> None:
     assert PackedFlights(logs / "packed").logs_sha256 == before
     assert len(pack_flights(logs).flights) == len(FLIGHTS) - 1
     assert not list(logs.glob(".packed.*.folder"))
+
+
+def test_the_folder_above_the_logs(logs: Path) -> None:
+    """`proxops collect` writes logs into `flights` of its folder."""
+    assert logs.name == "flights"
+    with pytest.raises(InputError, match=f"give {logs}"):
+        pack_flights(logs.parent)
+
+
+def test_no_training_flights(logs: Path) -> None:
+    for each in pack_flights(logs).part("training"):
+        (logs / each.name).unlink()
+    with pytest.raises(InputError, match="none of its transits is of the training part"):
+        pack_flights(logs)
 
 
 # --- what is refused ------------------------------------------------------------------------------
@@ -189,6 +210,19 @@ def with_scenario(**changes: float) -> Change:
 def test_a_log_that_does_not_fit(logs: Path, change: Change, message: str) -> None:
     change(flight("a-1").dataset).to_netcdf(logs / "a-1.nc", engine="h5netcdf")
     with pytest.raises(InputError, match=rf"a-1\.nc.*{message}"):
+        pack_flights(logs)
+
+
+def test_damaged_frames(logs: Path) -> None:
+    path = logs / "a-1.nc"
+    with h5py.File(path) as file:
+        frames = file["ranges"]
+        assert isinstance(frames, h5py.Dataset)
+        place = frames.id.get_chunk_info(0).byte_offset
+    content = bytearray(path.read_bytes())
+    content[place + 10 : place + 60] = bytes(50)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"a-1\.nc: ranges cannot be read"):
         pack_flights(logs)
 
 

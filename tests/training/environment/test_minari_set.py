@@ -6,11 +6,14 @@ import minari
 import numpy as np
 import pytest
 from minari import EpisodeData
+from short_flights import falling_flight
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import change_scenario, load_scenario, of_transit
+from proxops.systems import InputError
 from proxops.training.environment import (
     TransitEnvironment,
+    check_minari_name,
     write_minari,
 )
 
@@ -71,3 +74,17 @@ def _row(episode: EpisodeData, index: int) -> dict[str, np.ndarray]:
     """One of the observations of an episode."""
     assert isinstance(episode.observations, dict)
     return {name: value[index] for name, value in episode.observations.items()}
+
+
+def test_nothing_half_written_stays() -> None:
+    log = falling_flight()
+
+    def logs():
+        yield log
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_minari("half-v0", logs(), log.scenario, 0)
+    write_minari("half-v0", [log], log.scenario, 0)
+    with pytest.raises(InputError, match=r"has a data set 'half-v0' already, in .*: choose"):
+        check_minari_name("half-v0")

@@ -99,6 +99,18 @@ def test_into_the_body_as_the_diagram_flies_it() -> None:
     assert not info["arrived"][0]
 
 
+def test_frames_are_those_of_the_diagram() -> None:
+    many, one = batch(observation="lidar"), single(changes=EXACT, observation="lidar")
+    seen, _ = many.reset(options={"transit": [7, 8]})
+    alone, _ = one.reset(options={"transit": 8})
+    assert seen["ranges"].shape == (2, 12, 360)
+    for _ in range(2):
+        assert np.count_nonzero(alone["ranges"]) > 10
+        np.testing.assert_allclose(seen["ranges"][1], alone["ranges"], rtol=1e-6)
+        seen = many.step(np.full((2, 3), 0.3))[0]
+        alone = one.step(np.full(3, 0.3))[0]
+
+
 def test_a_limit_of_steps_cuts_as_that_of_one_does() -> None:
     many = batch(2, max_episode_steps=3)
     one = gymnasium.make("proxops/Transit-v0", max_episode_steps=3, changes=EXACT)
@@ -116,6 +128,17 @@ def test_a_limit_of_steps_cuts_as_that_of_one_does() -> None:
     assert cuts == [False, False, True, False, False, False, True]
     with pytest.raises(InputError, match="max_episode_steps above 0"):
         TransitBatch(2, changes=EXACT, max_episode_steps=0)
+
+
+def test_wrong_options_and_actions_are_refused() -> None:
+    many = batch()
+    with pytest.raises(InputError, match=r"of shape \(2,\); got \[1, 2, 3\]"):
+        many.reset(options={"transit": [1, 2, 3]})
+    many.reset(options={"transit": 1})
+    with pytest.raises(InputError, match=r"an action has shape \(2, 3\)"):
+        many.step(np.zeros(3))
+    with pytest.raises(InputError, match="no dispersions; use vectorization_mode"):
+        TransitBatch(2, dispersions="after_survey")
 
 
 @pytest.mark.parametrize(

@@ -141,6 +141,11 @@ def test_nobody_learns_on_transits_of_evaluation_unless_asked_to(kind: type) -> 
     assert 0 <= inspect.signature(kind).parameters["transit_seed"].default < 10_000
 
 
+def test_a_step_needs_a_reset() -> None:
+    with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
+        TransitEnvironment(changes=SHORT).step(np.zeros(3))
+
+
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
@@ -153,3 +158,20 @@ def test_nobody_learns_on_transits_of_evaluation_unless_asked_to(kind: type) -> 
 def test_wrong_options_are_refused(options: dict, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
         TransitEnvironment(changes=SHORT).reset(options=options)
+
+
+def test_pictures_of_an_episode() -> None:
+    """They show where the transit is; to draw them changes nothing of it."""
+    env, plain = made(render_mode="rgb_array"), made()
+    with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
+        env.render()
+    ends, shown = [], []
+    for each in (env, plain):
+        each.reset(options={"transit": 4})
+        for _ in range(5):
+            shown.append(each.render())
+            ends.append(each.step(np.ones(3))[0]["state"])
+    assert [picture is None for picture in shown] == [False] * 5 + [True] * 5
+    assert shown[0].shape == (540, 960, 3)
+    assert (shown[0] != shown[4]).any()
+    np.testing.assert_array_equal(ends[:5], ends[5:])

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from proxops.training.lidar.frame_errors import (
+    all_figures,
     frame_figures,
+    meets_targets,
+    nearest_frames,
     weighted_frames,
 )
 from proxops.training.lidar.frames import GridFrames, near_silhouette
@@ -39,12 +42,34 @@ def test_figures_counted_by_hand():
     assert (some["mask_iou"], some["range_error_m"]["median"]) == (1.0, pytest.approx(10.0))
 
 
+@pytest.mark.parametrize(
+    ("iou", "median", "met"), [(0.97, 500.0, True), (0.9699, 100.0, False), (0.99, 501.0, False)]
+)
+def test_targets(iou: float, median: float, met: bool):
+    assert meets_targets({"all": {"mask_iou": iou, "range_error_m": {"median": median}}}) is met
+
+
+def test_bands_hold_every_position_once():
+    positions = np.array([[1.0, 0, 0], [0, 60.0, 0], [0, 0, 80.0], [80.0, 80, 0], [99.0, 99, 99]])
+    frames = np.arange(1.0, 31.0).reshape(5, 6)
+    figures = all_figures(positions, frames, frames, planes=2, cube=200.0)
+    assert [band["positions"] for band in figures["bands"]] == [1, 1, 1, 1, 1]
+    assert figures["all"]["mask_iou"] == 1.0
+    assert figures["bands"][0]["to_m"] == figures["bands"][1]["from_m"] == 50.0
+
+
 def test_silhouette_is_two_rays_wide_and_stays_in_its_plane():
     frame = np.full((1, 2, 10), INF)
     frame[0, 0, 4:] = 1.0  # The plane is a circle: rays 0 and 9 are neighbours.
     near = near_silhouette(frame.reshape(1, 20), 2).reshape(2, 10)
     assert np.flatnonzero(near[0]).tolist() == [0, 1, 2, 3, 4, 5, 8, 9]
     assert not near[1].any()
+
+
+def test_nearest_frame():
+    frames = nearest_frames(grid((0.0, [1.0, INF]), (10.0, [3.0, 4.0])))
+    assert frames(at(4.0)).tolist() == [[1.0, INF]]
+    assert frames(at(6.0)).tolist() == [[3.0, 4.0]]
 
 
 def test_inverse_distance_weighting():

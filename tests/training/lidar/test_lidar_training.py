@@ -13,6 +13,7 @@ from proxops.training.lidar.frames import (
     enclosing_ellipsoid,
     frame_examples,
     grid_positions,
+    random_positions,
     ray_examples,
 )
 from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
@@ -31,6 +32,15 @@ def test_grid_fills_the_cube_outside_the_body():
     assert inside == pytest.approx(body.shape.volume / (20e3) ** 3, rel=0.15)
     assert not body.gravity_field.evaluate(grid).inside.any()
     assert np.abs(grid_positions(body, 340e3, 50e3)).max() == pytest.approx(150e3)
+
+
+def test_random_positions_repeat_and_lie_outside():
+    body = kleopatra()
+    places = random_positions(body, 340e3, 500, 7)
+    assert np.array_equal(places, random_positions(body, 340e3, 500, 7))
+    assert places.shape == (500, 3)
+    assert np.abs(places).max() <= 170e3
+    assert not body.gravity_field.evaluate(places).inside.any()
 
 
 def test_ray_examples_say_where_the_surface_is():

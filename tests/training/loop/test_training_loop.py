@@ -152,6 +152,18 @@ def test_what_is_finished_is_not_trained_again(packed: PackedFlights, tmp_path: 
     assert weights(again).abs().min() > 0.0
 
 
+def test_a_budget_of_minutes_ends_it(packed: PackedFlights, tmp_path: Path):
+    shares = []
+    schedule = Schedule(epochs=1000, batch=3, learning_rate=1e-3, patience=1000, minutes=0.01)
+    trained = run(task(packed), schedule, tmp_path, progress=lambda done, text: shares.append(done))
+    assert 1 <= len(trained.history) < 1000
+    assert [row["wall_s"] >= 0.6 for row in trained.history] == [False] * (
+        len(trained.history) - 1
+    ) + [True]
+    assert shares == sorted(shares)
+    assert run(task(packed), schedule, tmp_path) == trained
+
+
 class Stranger:
     """Runs code when pickle opens it."""
 

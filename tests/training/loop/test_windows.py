@@ -101,6 +101,18 @@ def test_dense_frames(packed: PackedFlights) -> None:
     np.testing.assert_array_equal(frames.reshape(5, -1), wanted)
 
 
+def everything(packed: PackedFlights) -> WindowDataset:
+    return WindowDataset(packed, "training", 5, 2, frames=True)
+
+
+def test_a_batch_is_its_windows(packed: PackedFlights) -> None:
+    windows = everything(packed)
+    batch = windows[[5, 0, 5]]
+    for name, values in batch.items():
+        single = torch.stack([windows[5][name], windows[0][name], windows[5][name]])
+        assert torch.equal(values, single), name
+
+
 # --- batches --------------------------------------------------------------------------------------
 
 

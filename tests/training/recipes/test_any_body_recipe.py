@@ -106,6 +106,12 @@ def test_a_guidance_of_another_version_is_refused_and_left_as_it_is(
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["family", "report.json"]
 
 
+def test_a_pilot_is_not_replaced_by_what_learns_from_it(tmp_path: Path) -> None:
+    words = ["dagger", "--pilot", str(tmp_path), "--out", str(tmp_path / "." / "")]
+    with pytest.raises(InputError, match="is the folder of --pilot"):
+        app(words, standalone_mode=False)
+
+
 @pytest.mark.parametrize(("seed", "rounds", "taken"), [(9998, 2, True), (9999, 2, False)])
 def test_no_round_learns_from_a_seed_of_evaluation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, rounds: int, taken: bool

@@ -8,6 +8,8 @@ from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.networks.lidar_hits import HitSelection
 from proxops.training.recipes.pilot_examples import (
     box_of,
+    commands_of,
+    flight_labels,
     hits_of,
     part_rows,
     spread_rows,
@@ -59,3 +61,10 @@ def test_transitions_are_what_flights_did(packed: PackedFlights):
     np.testing.assert_allclose(
         given.force[0].numpy(), packed.commanded_force[first.start + 1], atol=1e-6
     )
+
+
+def test_commands_are_the_experts(packed: PackedFlights):
+    given = commands_of(flight_labels(packed, "validation"))
+    rows = part_rows(packed, "validation")
+    np.testing.assert_allclose(given.force.numpy(), packed.mpc_force[rows], atol=1e-6)
+    np.testing.assert_allclose(given.goal.numpy(), packed.target[rows, :3])

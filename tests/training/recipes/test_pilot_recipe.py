@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from known_policies import Counting, write_policy
 
 from proxops.cli.main import app
 from proxops.diagrams.flight import Workers
@@ -20,7 +21,9 @@ from proxops.systems import InputError
 from proxops.training.export import policy_report
 from proxops.training.networks.pilot_network import Pilot, PilotDimensions, load_pilot, save_pilot
 from proxops.training.recipes import DaggerSettings, PilotSettings, run_dagger, trained_settings
-from proxops.training.recipes.pilot import train_pilot
+from proxops.training.recipes.dagger import round_flights
+from proxops.training.recipes.pilot import collected_scenario, restarted, train_pilot
+from proxops.training.recipes.recipe import Learner
 
 DIMENSIONS = PilotDimensions(
     planes=12, rays=360, hits=16, period=10.0, mass=100.0, thrust_limit=7.0, length=98e3,
@@ -70,6 +73,16 @@ def test_settings_come_back_from_a_report(tmp_path: Path):
         read(settings={"frames": 3, "what": 4})
 
 
+def test_restarted_pilot_sees_as_before_and_knows_nothing():
+    pilot = small_pilot()
+    fresh = restarted(DIMENSIONS, pilot, seed=7)
+    for part in ("coarse.", "geometry.", "filter."):
+        assert same(pilot, fresh, part)
+    assert not same(pilot, fresh, "guidance.network.")
+    assert same(fresh, restarted(DIMENSIONS, small_pilot(), seed=7), "guidance.")
+    assert not any(weights.requires_grad for weights in fresh.filter.motion.parameters())
+
+
 def some_frames() -> torch.Tensor:
     """(2, 5, 12, 360): two flights of five steps."""
     random = np.random.default_rng(0)
@@ -104,6 +117,27 @@ def test_sequence_is_step_after_step():
         torch.testing.assert_close(forces[:, step], force)
         torch.testing.assert_close(estimates[:, step], estimate)
     torch.testing.assert_close(memory, remembered)
+
+
+def test_a_round_flies_what_is_hard(tmp_path: Path):
+    """Three in four of the transits are blocked; each round has others, all of training seeds."""
+    bundle = write_policy(tmp_path / "bundle", Counting())
+    nothing: dict = {}
+    learner = Learner(
+        tmp_path, nothing, lambda _: [load_scenario()], lambda *_: nothing, (), flights=40
+    )
+    [first], [second] = (round_flights(learner, bundle, DaggerSettings(), k) for k in (1, 2))
+    numbers = [int(flight.name.rsplit("-", 1)[1]) for flight in first]
+    blocked = [number for number in numbers if number % 10 in (1, 4, 7)]
+    assert len(first) == len(set(numbers)) == 40
+    assert len(blocked) / 40 == pytest.approx(0.75, abs=0.1)
+    assert not {flight.name for flight in first} & {flight.name for flight in second}
+    assert all(flight.scenario.transit.seed < 10_000 for flight in first + second)
+
+
+def test_data_must_be_a_collection(tmp_path: Path):
+    with pytest.raises(InputError, match="manifest"):
+        collected_scenario(tmp_path)
 
 
 # --- the whole, in small --------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """`proxops train --recipe paper`: learning from short flights, what it writes, what it refuses."""
 
 import csv
+import dataclasses
 import json
 import sys
 from pathlib import Path
@@ -12,10 +13,12 @@ import torch
 from commands import proxops
 from flight_folders import copy_flights
 
+from proxops.systems import InputError
 from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export.policy_report import replay_flights
 from proxops.training.loop import WindowDataset
 from proxops.training.loop.training_loop import Schedule
+from proxops.training.recipes import RECIPES
 from proxops.training.recipes.paper import (
     PaperSettings,
     make_policy,
@@ -39,20 +42,31 @@ def packed(data: Path) -> PackedFlights:
     return pack_flights(data / "flights")
 
 
-@pytest.fixture(scope="module")
-def report(data: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    out = tmp_path_factory.mktemp("trained")
-    return train_paper_policy(data, out, SMALL) | {"out": out}
-
-
 @pytest.mark.slow
-def test_training_reduces_the_loss(report: dict[str, Any]):
-    with (report["out"] / "curves" / "policy.csv").open() as file:
+def test_training_reduces_the_loss(data: Path, tmp_path: Path):
+    report = train_paper_policy(data, tmp_path, SMALL)
+    with (tmp_path / "curves" / "policy.csv").open() as file:
         losses = [float(row["training_loss"]) for row in csv.DictReader(file)]
     assert len(losses) == 20
     assert losses[-1] < 0.8 * losses[0]
     figures = report["parts"]["training"]
     assert figures["rmse_n"] < 0.3 * figures["zero_rmse_n"]
+
+
+def test_report_and_checkpoint_are_of_every_step(data: Path, packed: PackedFlights, tmp_path: Path):
+    brief = dataclasses.replace(SMALL, schedule=dataclasses.replace(SMALL.schedule, epochs=1))
+    report = train_paper_policy(data, tmp_path, brief)
+    for part, figures in report["parts"].items():
+        assert figures["flights"] == len(packed.part(part)) > 0
+        assert figures["steps"] == sum(flight.steps for flight in packed.part(part))
+    assert report["logs_sha256"] == packed.logs_sha256
+    assert json.loads((tmp_path / "report.json").read_text())["parts"] == report["parts"]
+    assert f"{report['parts']['test']['rmse_n']:.3f}" in (tmp_path / "report.md").read_text()
+    policy = make_policy(packed, SMALL)
+    policy.load_state_dict(torch.load(tmp_path / "policy.ckpt")["best"])
+    wanted, said = replay_flights(policy.eval(), packed, "test")
+    rmse = np.sqrt(((said - wanted) ** 2).mean())
+    assert rmse == pytest.approx(report["parts"]["test"]["rmse_n"], rel=1e-5)
 
 
 @torch.no_grad()
@@ -113,6 +127,27 @@ def test_quick_command_writes_all_that_it_says(
     again = ("--recipe", "paper", "--quick", "--epochs", "1", "--device", "cpu")
     assert proxops("train", data / "flights", *again, "--out", tmp_path / "logs") == 0
     assert len((tmp_path / "logs" / "curves" / "policy.csv").read_text().splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("recipe", "folder"),
+    [("proxops", "out/pilot"), ("paper", "out/paper-policy"), ("any-body", "out/any-body")],
+)
+def test_each_recipe_has_a_folder_of_its_own(
+    recipe: str, folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """In the folder of another, it would replace the bundle."""
+    given: list[Any] = []
+
+    def stop(*arguments: Any) -> None:
+        given.extend(arguments)
+        raise InputError("far enough")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(RECIPES, recipe, dataclasses.replace(RECIPES[recipe], train=stop))
+    data = [] if recipe == "any-body" else ["data"]
+    assert proxops("train", *data, "--recipe", recipe) == 2
+    assert Path(folder) in given
 
 
 def test_without_torch_it_says_what_to_do(
