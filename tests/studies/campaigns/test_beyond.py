@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +83,14 @@ def test_own_bodies(tmp_path: Path) -> None:
     assert [str(each) for each in own_bodies(tmp_path)] == [path]
     (tmp_path / "more.yml").write_text("name: [")
     with pytest.raises(InputError, match=r"more\.yml"):
+        own_bodies(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["blob.yml", "22-0.yaml"])
+def test_bodies_of_one_name_are_refused(tmp_path: Path, name: str) -> None:
+    """Their campaigns would be one; 22:0 is generated."""
+    shutil.copy(write_blob(tmp_path), tmp_path / name)
+    with pytest.raises(InputError, match="rename the file"):
         own_bodies(tmp_path)
 
 

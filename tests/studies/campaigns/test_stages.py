@@ -67,3 +67,14 @@ def test_the_latest_may_have_to_be_of_this_version(tmp_path: Path) -> None:
     assert found.version == "0.0.1"
     table = stage_table([found, stages.run("now", {}, Work())])
     assert [line[-1] for line in table.lines] == ["before, by proxops 0.0.1", "now"]
+
+
+def test_what_ended_is_found_by_its_inputs(tmp_path: Path) -> None:
+    stages = Stages(tmp_path)
+    assert stages.ended("fly", {"seed": 1}) is None
+    made = stages.run("fly", {"seed": 1, "pair": (1, 2)}, Work())
+    stages.run("fly", {"seed": 2}, Work())
+    found = stages.ended("fly", {"pair": [1, 2], "seed": 1})
+    assert found is not None
+    assert (found.folder, found.result, found.skipped) == (made.folder, made.result, True)
+    assert stages.ended("fly", {"seed": 3}) is None

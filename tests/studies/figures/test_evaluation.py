@@ -92,6 +92,17 @@ def test_aggregate() -> None:
     assert found.flights == rows
 
 
+@pytest.mark.parametrize("good", [0, 1, 426, 851, 852])
+def test_successes_are_counted(good: int) -> None:
+    rows = [row(transit=k, success=k < good, success_2km=k < min(good + 1, 852))
+            for k in range(852)]  # fmt: skip
+    found = aggregate(rows)
+    assert (found.successes, found.successes_2km) == (good, min(good + 1, 852))
+    assert found.succeeded() == f"{good} of 852"
+    assert found.succeeded(wide=True) == f"{min(good + 1, 852)} of 852"
+    assert aggregate([]).succeeded() == "0 of 0"
+
+
 def test_percentiles_and_worst() -> None:
     """101 flights whose figures are 0, 1, … 100: then percentile p is p."""
     rows = [

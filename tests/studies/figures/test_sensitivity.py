@@ -120,6 +120,16 @@ def test_index_of_failure_by_hand() -> None:
     assert entry.index == pytest.approx((0.9 + 9 * 0.1) / 10, abs=1e-9)
 
 
+def test_the_transit_can_be_the_driver() -> None:
+    """Δv grows with the distance: what was drawn of the world does less, and is not told."""
+    rows = flights(200, lambda _: {})
+    for flight, distance in zip(rows, generator(1, 200).uniform(70e3, 330e3, 200), strict=True):
+        flight["transit_distance_m"] = float(distance)
+        flight["transit_start_clearance_m"] = float(generator(2, flight["transit"]).uniform(0, 9e4))
+        flight["delta_v_m_s"] = 1e-3 * distance + 10.0 * flight["dispersed"]["truth.gravity"]
+    assert told_from_chance(rank_drivers(rows)["delta_v_m_s"]) == ["transit_distance_m"]
+
+
 def test_columns() -> None:
     rows = [
         {"dispersed": {"a": 1.0, "fixed": 3, "v": [1.0, -2.0], "s": [1.0, 1.1], "t": "x", "n": 5}},

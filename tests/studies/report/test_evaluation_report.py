@@ -14,7 +14,7 @@ from known_policies import Counting, DeadReckoning, write_policy
 
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.studies.figures.results import Result, aggregate, figure_rows, results_from_json
-from proxops.studies.report.shown_flights import worst_flights
+from proxops.studies.report.shown_flights import outcome, shown_transits, worst_flights
 from proxops.systems.vehicle import ArrivalConfig
 
 POLICY = {"policy_sha256": "1" * 64, "mpc_solves": 0, "policy_share": 1.0}
@@ -63,6 +63,25 @@ def test_table() -> None:
     assert table["velocity off, p95 (m/s)"] == ["–", "0.300", "–"]
     assert table["policy's share (%)"] == ["0.0", "100.0", "0.0"]
     assert table["step, median (ms)"] == ["4.00", "0.12", "–"]
+
+
+def test_outcomes() -> None:
+    assert outcome(row()) == "arrived"
+    assert outcome(row(success=False, collided=True, keep_out_violations=1)) == "collision"
+    assert outcome(row(success=False, keep_out_violations=2)) == "inside the keep-out"
+    assert outcome(row(success=False)) == "arrived too late"
+    assert outcome(row(success=False, arrival_time_s=None)) == "no arrival"
+
+
+def test_first_and_worst() -> None:
+    # 7 and 11 failed; of those that arrived, 13 ended furthest off.
+    assert [flight["transit"] for flight in worst_flights(results()["policy:a"].flights)] == [
+        11, 7, 13,
+    ]  # fmt: skip
+    first = [0, 1, 2, 3]
+    assert shown_transits(results()) == {
+        "mpc": first, "policy:a": [*first, 7, 11, 13], "zero": [*first, 4],
+    }  # fmt: skip
 
 
 # --- which flights are looked into ----------------------------------------------------------------

@@ -58,6 +58,12 @@ def test_costs_of_known_times() -> None:
     assert (own.gain_measured, own.saved, own.policy_s) == (1.0, 0.0, None)
 
 
+def test_what_asks_nobody_costs_nothing() -> None:
+    idle = row(mpc_solves=0, solve_s=0.0, solve_s_median=None)
+    found = costs({"mpc": Result(flights=[row()]), "zero": Result(flights=[idle])}, "zero")
+    assert found.step_s is found.gain_measured is found.saved is None
+
+
 def test_counts() -> None:
     assert blind_flights(Result(flights=[row(), row(blind_steps=3), row(blind_steps=None)])) == 1
     assert checks_passed(Result(flights=[HYBRID, row(checks=10, agreed=0)])) == pytest.approx(0.45)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import proxops
 from scipy.stats import beta
 
 from proxops.diagrams.flight import Flight, Workers, fly
@@ -89,6 +90,12 @@ def test_flights_are_those_of_the_seed(brief: Track, tmp_path: Path) -> None:
         )
     assert score(brief, "pd", tmp_path, workers=Workers(1)) == row
     assert len(list(tmp_path.glob("*.json"))) == 2
+
+
+def test_a_world_that_cannot_be_flown_is_named(brief: Track, tmp_path: Path) -> None:
+    heavy = dc.replace(brief, changes=[brief.changes[0], {**brief.changes[1], "truth.mass": 20.0}])
+    with pytest.raises(InputError, match="track brief: transit 1 cannot be flown: hovering at"):
+        score(heavy, "zero", tmp_path, workers=Workers(1))
 
 
 def test_tracks_that_were_changed(
@@ -194,6 +201,20 @@ def test_rows_keep_their_hash(brief: Track, tmp_path: Path) -> None:
     path.write_text("[]")
     with pytest.raises(InputError, match="is not a row of the benchmark"):
         load_row(path)
+
+
+def test_command(brief: Track, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path, out = tmp_path / "brief.json", tmp_path / "out"
+    save_track(brief, path)
+    words = ["score", path, "--controller", "zero", "--name", "nothing", "--out", out]
+    assert proxops(*words, "--workers", 1) == 0
+    told = capfd.readouterr().out
+    row = load_row(out / f"brief-{brief.sha256[:12]}-zero.json")
+    assert (row.name, row.controller, len(row.flights)) == ("nothing", "zero", 2)
+    assert row.sha256[:12] in told
+    assert "0 of 2" in told
+    assert proxops(*words, "--set", "truth.gravity=2") == 2
+    assert "only what is on board may be changed" in capfd.readouterr().err
 
 
 # --- the page -------------------------------------------------------------------------------------
