@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from commands import proxops
-from contact_binary import contact_binary
+from contact_binary import contact_binary, together
 from plain_polyhedral_gravity import star_shaped
 from short_flights import kleopatra, obj_text
 
@@ -90,25 +90,24 @@ def test_kleopatra(shape, tmp_path: Path) -> None:
     assert hover["least_n"] <= weight <= hover["greatest_n"]
 
 
-@pytest.mark.parametrize(
-    ("option", "value", "extent"),
-    [
-        ("--diameter", 2.0 * 620.35, None),
-    ],
-)
-def test_models_of_any_scale(shape, tmp_path: Path, option, value, extent) -> None:
+def test_a_model_of_any_scale(shape, tmp_path: Path) -> None:
     """A ball whose numbers are 500 across; by its diameter, its volume is 1 km^3."""
     ball = trimesh.creation.icosphere(3)
     ball.vertices *= 500.0 / np.ptp(ball.vertices, axis=0).max()
     write(tmp_path / "ball.obj", ball)
     known = ("--density", 2000, "--period", 8, "--fix", "out.obj", "--body", "ball.yaml")
-    code, _, err = shape("ball.obj", option, value, *known)
+    code, _, err = shape("ball.obj", "--diameter", 2.0 * 620.35, *known)
     assert code == 0, err
     body = load_body(tmp_path / "ball.yaml")
-    if extent is None:
-        assert body.shape.volume == pytest.approx(1e9, rel=1e-4)
-    else:
-        assert body.shape.extents.max() == pytest.approx(extent)
+    assert body.shape.volume == pytest.approx(1e9, rel=1e-4)
+
+
+def test_a_model_without_a_scale(shape, tmp_path: Path) -> None:
+    """The defect of its density says how to give it one."""
+    write(tmp_path / "ball.obj", trimesh.creation.icosphere(2))
+    code, out, _ = shape("ball.obj", "--mass", 1e9)
+    assert code == 1
+    assert "say --size or --diameter METRES" in out
 
 
 def test_a_body_that_spins_the_other_way(shape, tmp_path: Path) -> None:
@@ -127,6 +126,31 @@ def test_a_body_that_spins_the_other_way(shape, tmp_path: Path) -> None:
     body = load_body(tmp_path / "rock.yaml").shape
     about = np.array(mesh.vertices) - Polyhedron(mesh.vertices, mesh.faces).centre_of_mass
     np.testing.assert_allclose(body.vertices, about * [1.0, -1.0, -1.0], atol=1e-9)
+
+
+def test_a_void_is_told_with_its_share(shape, tmp_path: Path) -> None:
+    outer, wall = (trimesh.creation.icosphere(2, radius=r) for r in (100.0, 90.0))
+    wall.invert()
+    write(tmp_path / "hollow.obj", together(outer, wall))
+    code, out, _ = shape("hollow.obj", "--unit", "m")
+    assert code == 0
+    assert "note: a void of 72.9 % of the body" in out
+
+
+def test_what_cannot_be_mended_is_not_written(shape, tmp_path: Path) -> None:
+    spiked = trimesh.creation.icosphere(2, radius=9.0)
+    spiked.vertices[0] *= -1.5
+    write(tmp_path / "lobes.obj", spiked)
+    known = ("--density", 2000, "--period", 8)
+    code, out, err = shape(
+        "lobes.obj", "--unit", "m", *known, "--fix", "out.obj", "--body", "lobes.yaml"
+    )
+    assert code == 1
+    assert "not mended: the mesh cannot be mended" in out
+    assert "pairs of facets cut each other" in out
+    assert "lobes.yaml is not written" in err
+    assert not (tmp_path / "out.obj").exists()
+    assert not (tmp_path / "lobes.yaml").exists()
 
 
 @pytest.mark.parametrize(

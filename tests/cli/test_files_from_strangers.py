@@ -220,6 +220,14 @@ def test_values_that_cannot_be(name: str, value: float, tmp_path: Path) -> None:
     use_or_refuse(written(tmp_path, change))
 
 
+@pytest.mark.parametrize("name", ["time", "state", "target", "force", "decision", "mesh_facets"])
+@pytest.mark.parametrize("other", [("word", ["a", "b"]), (("a", "b", "c"), [[[1.0]]])])
+def test_dimensions_that_cannot_be(name: str, other: tuple, tmp_path: Path) -> None:
+    path = written(tmp_path, lambda data: data.drop_vars(name).assign({name: other}))
+    with pytest.raises(InputError, match=r"flight\.nc"):
+        FlightLog.load(path)
+
+
 def use_or_refuse(path: Path) -> None:
     try:
         log = FlightLog.load(path)
