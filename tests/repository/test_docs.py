@@ -248,6 +248,7 @@ def test_what_learned_from_the_expert_flies(working_folder: Path) -> None:
 # Code that runs on little data here: what is printed, and what is run instead.
 IN_BRIEF = {
     '["transit.index=1"]': '["transit.index=1", "arrival.deadline_s=50", "arrival.dwell_s=50"]',
+    "load_scenario(transit=1)": "load_scenario(None, IN_BRIEF, transit=1)",
     "length=32, stride=16": "length=8, stride=4",
 }
 
@@ -255,7 +256,7 @@ IN_BRIEF = {
 def run(code: str) -> dict[str, Any]:
     for printed, brief in IN_BRIEF.items():
         code = code.replace(printed, brief)
-    names: dict[str, Any] = {}
+    names: dict[str, Any] = {"IN_BRIEF": {"arrival.deadline_s": 50.0, "arrival.dwell_s": 50.0}}
     exec(compile(code, "a page", "exec"), names)
     return names
 
