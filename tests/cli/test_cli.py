@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
@@ -19,7 +20,9 @@ from proxops.cli import common
 from proxops.cli.common import console, work_bar
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.logs.lengths import length_text
-from proxops.diagrams.scenario.scenario import change_scenario
+from proxops.diagrams.scenario.body import load_body
+from proxops.diagrams.scenario.scenario import change_scenario, load_scenario
+from proxops.diagrams.scenario.transits import scenario_transit
 from proxops.systems.gravity import tabulated_field
 
 BRIEF = settings(
@@ -80,6 +83,17 @@ def test_the_table_says_whether_the_navigation_knew_where_it_is(run) -> None:
     assert "Note: the navigation was overconfident" in " ".join(ran.err.split())
 
 
+def test_the_table_says_why_the_navigation_never_knew_where_it_is(run) -> None:
+    short = ["--set", "lidar.max_range_m=50000", "--set", "arrival.deadline_s=50"]
+    ran = run("fly", *short, "--out", "out")
+    assert ran.code == 0, ran.err
+    told = " ".join(ran.out.replace("│", " ").split())
+    assert "why it never did no frame of the lidar had a return" in told
+    start = scenario_transit(load_scenario(), load_body("kleopatra")).start
+    away = np.linalg.norm(load_body("kleopatra").shape.vertices - start, axis=1).min()
+    assert f"50.0 km, {away / 1e3:.0f} km" in told
+
+
 def test_one_flight_does_not_wait_for_a_gravity_table(
     run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,7 +148,8 @@ def test_fly(run, tmp_path: Path) -> None:
     assert differences(log, repeated) == []
 
     # A log that was altered is not repeated, and that is said.
-    assert run("fly", "--controller", "zero", *BRIEF, "--out", "brief").code == 0
+    brief = run("fly", "--controller", "zero", *BRIEF, "--json", "--out", "brief")
+    assert json.loads(brief.out)["controller"] == "zero"
     log = FlightLog.load(tmp_path / "brief" / "flight.nc")
     log.dataset["force"][3, 0] += 1e-9
     log.to_netcdf(tmp_path / "altered.nc")
@@ -208,6 +223,17 @@ def test_evaluate(run, tmp_path: Path) -> None:
     refused(mixed, "another scenario", "output folder")
 
 
+def test_a_warning_is_a_line(run, tmp_path: Path) -> None:
+    setting = ["--set", "assurance={bounds: {}}", "--set", "truth.gravity=1.01"]
+    with pytest.warns(UserWarning, match="the scenario may exceed assurance") as caught:
+        ran = run("fly", "--controller", "hybrid", *BRIEF, *setting, "--out", "out")
+    assert ran.code == 0
+    line = warnings.formatwarning(caught[0].message, UserWarning, "code.py", 1)
+    assert line.startswith("proxops: warning: the scenario may exceed")
+    assert line.count("\n") == 1
+    assert line.endswith("gravity 0 (up to 0.01)\n")
+
+
 # --- what is refused ------------------------------------------------------------------------------
 
 UNTRAINED = settings({"policy.bundle": "policy.zip"})
@@ -226,6 +252,7 @@ ENDS = settings({"transit.start_m": "[160e3, 0, 0]", "transit.goal_m": "[160e3, 
         (["fly", *ENDS, "--seed", "3"], ["gives a start and a goal", "--seed and --transit"]),
         (["fly", *BRIEF, "--out", "mine.nc/deeper"], ["mine.nc", "not a folder"]),
         (["fly", "--from", "mine.nc"], ["mine.nc is not a flight log"]),
+        (["fly", "--from", "."], [". is not a flight log: it is a folder"]),
         (["fly", "--from", "absent.nc"], ["there is no file absent.nc"]),
         (["replay", "mine.nc"], ["mine.nc is not a flight log"]),
         (["fly", "--from", "flight.nc", "--out", "."], ["holds the log that is repeated"]),

@@ -18,6 +18,7 @@ from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs import FlightLog, differences, why_never_known
 from proxops.diagrams.scenario import LidarNavigationConfig, Scenario
 from proxops.systems import PlanReason
+from proxops.systems.common.errors import InputError
 
 START = np.array([160e3, 0.0, 0.0, 0.0, 0.0, 0.0])
 NOWHERE = np.full(6, np.nan)
@@ -183,6 +184,14 @@ def log(drifting: FlightLog, monkeypatch: pytest.MonkeyPatch) -> FlightLog:
     """The drifting flight, whose figures count from 60 s on. Do not change it."""
     monkeypatch.setattr("proxops.diagrams.logs.navigation_figures._SETTLED", 60.0)
     return drifting
+
+
+def test_phases_that_there_are_not_are_refused(log: FlightLog, tmp_path: Path) -> None:
+    data = log.dataset
+    damaged = data.assign(navigation_phase=data["navigation_phase"] + 7.0)
+    FlightLog(damaged, log.body).to_netcdf(tmp_path / "flight.nc")
+    with pytest.raises(InputError, match=r"has wrong .*navigation_phase"):
+        FlightLog.load(tmp_path / "flight.nc")
 
 
 def test_columns(log: FlightLog, tmp_path: Path) -> None:

@@ -117,6 +117,9 @@ def test_a_frame_beside_what_the_map_predicts() -> None:
     np.testing.assert_allclose(np.asarray(rejected.get_xdata()), [5, 9])
     np.testing.assert_allclose(values(shown.axes[1], 1), 20e3, atol=1.0)
     assert len(np.asarray(used.get_xdata())) == count - 2
+    columns["navigation_state"] = (("time", "component"), np.full((4, 6), np.nan))
+    with pytest.raises(InputError, match="has no state"):
+        plot_frame(FlightLog(plain.dataset.assign(columns), plain.body), 2)
 
 
 @pytest.mark.parametrize(

@@ -157,6 +157,8 @@ def test_a_mesh_lies_beside_its_file(tmp_path: Path) -> None:
         ("truth.gravity: {normal: 1.0, uniform: [0, 1], three_sigma: 1}", "exactly one of"),
         ("truth.gravity: {uniform: [0.9, 1.1], three_sigma: 1}", "which uniform does not take"),
         ("truth.gravity: {uniform: [1.1, 0.9]}", "its lower end first"),
+        ("truth.gravity: {uniform: 1.1}", "needs two numbers"),
+        ("truth.gravity: {normal: 1.0, three_sigma: 0.1, sigma: 3}", "has 'sigma'"),
         ("truth.gravity: .nan", "needs a finite number for its value, got nan"),
         ("truth.gravity: {log_uniform: [0, 1]}", "positive ends"),
         ("truth.gravity: {choice: []}", "at least one value"),

@@ -226,3 +226,5 @@ def test_a_box_that_cannot_be_certified_says_where_and_why() -> None:
     assert "does not hold 100 kg at (" in message
     assert "N are missing" in message
     assert "tighten assurance.bounds.gravity first" in message
+    with pytest.raises(InputError, match=r"tighten assurance\.bounds\.velocity"):
+        kleopatras(dataclasses.replace(BEFORE, velocity_m_s=5.0))

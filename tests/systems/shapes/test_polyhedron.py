@@ -185,6 +185,13 @@ def _index_too_large(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return v, f
 
 
+def _no_height(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A tetrahedron whose four corners lie in a plane."""
+    size = np.abs(v).max()
+    corners = size * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.3, 0.3, 0]])
+    return corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+
+
 @sizes
 @pytest.mark.parametrize(
     ("spoil", "complaint"),
@@ -195,6 +202,7 @@ def _index_too_large(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarr
         (_nan, "vertex 7 is .*, not finite"),
         (_duplicate, "1 duplicate vertices"),
         (_flat, "belong to more than two facets|encloses no volume"),
+        (_no_height, "encloses no volume"),
         (_degenerate_area, "1 facets have no area"),
         (_index_too_large, "names a vertex outside"),
     ],

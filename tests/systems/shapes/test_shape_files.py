@@ -92,6 +92,7 @@ def test_plate_models(tmp_path: Path, form: str) -> None:
         ("8 12\n" + _rows(VERTICES) + _rows(FACETS[:-1] + 1), "counts 8 vertices and 12 plates"),
         ("8 12\n" + _rows(VERTICES, 1)[:-30] + _rows(FACETS + 1, 1), "could not be read"),
         (_rows(VERTICES), "holds no triangles"),
+        ("# a remark\n\n", "it holds no rows of numbers"),
         (
             "8 12\n" + _rows(VERTICES)[1:].replace(" ", " 1 ", 3) + _rows(FACETS),
             "line 2: a row has too few or too many",
@@ -263,6 +264,7 @@ def test_polygons_that_are_not_convex(tmp_path: Path, suffix: str, start: int) -
     [
         ("v 0 0 0\nv 1 0 0\nv 1 1 0.4\nv 0 1 0\nf 1 2 3 4\n", "line 5: a polygon is not planar"),
         ("v 0 0 0\nv 3 2 0\nv 3 0 0\nv 0 1 0\nf 1 2 3 4\n", "line 5: a polygon crosses itself"),
+        ("v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4\n", "line 5: a polygon has no area"),
         ("v 0 0 0\nv 1 0 0\n\nv 1 1 0\nf 1 2\n", "line 5: a facet has fewer than 3 corners"),
         ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 9\n", "line 4: a facet names a vertex .* there are 3"),
         ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 0 1 2\n", "line 4: a facet names vertex 0; the first is 1"),
@@ -310,6 +312,9 @@ def test_ply_is_read_as_it_is(tmp_path: Path, content: bytes, capsys) -> None:
     assert capsys.readouterr() == ("", "")
     path.write_bytes(content[:-60])
     with pytest.raises(InputError, match=r"face announced, \d+ there: the file is cut"):
+        read_mesh(path)
+    path.write_bytes(b"noise")
+    with pytest.raises(InputError, match="no header of a PLY file"):
         read_mesh(path)
 
 

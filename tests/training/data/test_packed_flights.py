@@ -198,6 +198,7 @@ def with_scenario(**changes: float) -> Change:
     [
         (lambda data: data.drop_vars(["target", "ranges"]), "it has no target, ranges"),
         (lambda data: data.isel(component=slice(5)), r"state has the shape \(16, 5\)"),
+        (lambda data: data.isel(time=slice(0)), r"time has the shape \(0,\)"),
         (with_values("time", 5, 51.0), "time is not a multiple of the control period, 10 s,"),
         (with_values("state", (3, 2), np.nan), "state is not finite at row 3 of 16"),
         (with_values("ranges", (6, 1, 7), -5.0), "ranges is negative or NaN at row 6"),
