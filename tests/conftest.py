@@ -1,7 +1,9 @@
 """Settings of all tests."""
 
 import os
+import shutil
 import signal
+import tempfile
 
 import hypothesis
 import pytest
@@ -23,6 +25,19 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 # The longest of the slow modules: at the end they would run alone.
 LONGEST = ("test_docs.py", "test_pilot_recipe.py", "test_benchmarks_run.py", "test_examples.py")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """A folder for what tests make once a session (`made_once`), for all processes of it."""
+    if "PROXOPS_TESTS_FOLDER" not in os.environ:
+        folder = tempfile.mkdtemp(prefix="proxops-tests-")
+        os.environ["PROXOPS_TESTS_FOLDER"] = folder
+
+        def clean_up() -> None:
+            del os.environ["PROXOPS_TESTS_FOLDER"]
+            shutil.rmtree(folder, ignore_errors=True)
+
+        config.add_cleanup(clean_up)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

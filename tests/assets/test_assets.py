@@ -39,14 +39,6 @@ def signed_volume(corners: np.ndarray) -> float:
     return float(np.linalg.det(corners).sum() / 6)
 
 
-def test_table(sections: np.ndarray) -> None:
-    assert sections.shape == (98, 64, 3)
-    assert np.ptp(sections[[0, -1]], axis=1).max() == 0.0  # the tips are points
-    x, y, z, *radii = np.loadtxt(loft.TABLE, delimiter=",", skiprows=50, max_rows=1)
-    np.testing.assert_allclose(sections[49, 0], [x, y + radii[0], z], atol=1e-12)
-    np.testing.assert_allclose(sections[49, 16], [x, y, z + radii[16]], atol=1e-12)
-
-
 def test_loft_of_a_cylinder_with_cones(tmp_path) -> None:
     """Prisms and pyramids over a regular hexagon: the volume is exact."""
     rows = ["0,0,0" + ",0" * 6, "1,0,0" + ",2" * 6, "4,0,0" + ",2" * 6, "6,0,0" + ",0" * 6]
@@ -122,20 +114,6 @@ def test_keep_out_ellipsoid_holds_the_body(
     for body in (mesh, surface):
         scale = np.linalg.norm(body.vertices / semi_axes_km, axis=1)
         assert 1 / scale.max() >= 1.05
-
-
-def test_constants(constants: dict) -> None:
-    assert constants == {
-        "name": "Kleopatra",
-        "mesh": "kleopatra.obj",
-        "mesh_unit": "km",
-        "mass_kg": 2.97e18,
-        "rotation_period_h": 5.38528,
-        "keep_out_semi_axes_m": [140e3, 70e3, 65e3],
-    }
-    numbers = [constants["mass_kg"], constants["rotation_period_h"]]
-    assert all(type(number) is float for number in numbers + constants["keep_out_semi_axes_m"])
-    assert (ASSETS / "kleopatra" / constants["mesh"]).is_file()
 
 
 @pytest.mark.slow

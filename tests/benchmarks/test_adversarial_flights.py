@@ -37,12 +37,3 @@ def test_whole_flights_stay_out(adversary: str) -> None:
         assert flight.clearance > 0.0, seed
         # Where it has to, keeping out takes some of the speed limit.
         assert flight.speed < 40.05, seed
-
-
-def test_each_flies_in_a_hybrid_too() -> None:
-    """`benchmarks/closed_loop.py` names a controller for each."""
-    module = load_script("benchmarks/closed_loop.py")
-    scenario = load_scenario(on_true_state=True)
-    for name in ADVERSARIES:
-        hybrid = getattr(module, name.replace(" ", "_"))(scenario, kleopatra())
-        assert hybrid.GetSubsystemByName("policy").num_input_ports() == 1

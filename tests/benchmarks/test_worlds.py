@@ -11,23 +11,11 @@ from short_flights import kleopatra
 
 from proxops.diagrams.scenario import draw_world, load_scenario, of_transit
 from proxops.systems.shapes import Polyhedron
-from proxops.systems.shapes.self_intersection import self_intersections
 
 
 @pytest.fixture(scope="module")
 def worlds() -> ModuleType:
     return load_script("benchmarks/_worlds.py")
-
-
-def test_boulders_are_few_and_high(worlds: ModuleType) -> None:
-    shape = kleopatra().shape
-    found = worlds.boulders(shape, 1)
-    heights = np.linalg.norm(found.vertices - shape.vertices, axis=1)
-    weights = np.bincount(shape.facets.ravel(), np.repeat(shape.to_trimesh().area_faces, 3))
-    assert np.sqrt(weights @ heights**2 / weights.sum()) == pytest.approx(109.4, rel=1e-3)
-    assert heights.max() > 5.0 * 109.4
-    assert weights[heights > 50.0].sum() < 0.2 * weights.sum()
-    assert len(self_intersections(found.vertices, found.facets)) == 0
 
 
 def test_curved_facets_of_a_ball_lie_on_it(worlds: ModuleType) -> None:

@@ -1,6 +1,5 @@
 """All commands have help with examples, plain streams, completion and an answer to Ctrl-C."""
 
-import json
 import os
 import re
 import shlex
@@ -11,15 +10,12 @@ import time
 from pathlib import Path
 
 import pytest
-from commands import proxops, settings
-from short_flights import SHORT, blob, obj_text
 
 from proxops.cli.main import COMMANDS, command
 
 # As the script that pip installs: that makes `proxops` the name that completion goes by.
 SCRIPT = "import sys; sys.argv[0] = 'proxops'; from proxops.cli.entry import main; main()"
 PROXOPS = [sys.executable, "-c", SCRIPT]
-FAST = settings(SHORT)
 
 
 def environment(**changes: str) -> dict[str, str]:
@@ -49,17 +45,6 @@ def test_examples_in_the_help_are_commands(name: str) -> None:
         parser.make_context(name, arguments)
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_option_is_explained(name: str) -> None:
-    for parameter in command(name).params:
-        assert getattr(parameter, "help", None), f"{name} {parameter.name}"
-
-
-@pytest.mark.parametrize(("name", "line"), COMMANDS.items())
-def test_the_list_of_commands_has_the_first_line_of_each(name: str, line: str) -> None:
-    assert line == (command(name).help or "").partition("\n\n")[0].strip()
-
-
 SLOW = ["matplotlib", "numba", "numpy", "proxops.systems", "pydrake", "scipy", "torch", "trimesh"]
 
 
@@ -82,42 +67,6 @@ def test_what_needs_no_command_imports_none(option: str, says: str) -> None:
     assert says in ran.stdout
     assert ran.stdout.endswith("[]\n")
     assert ran.stderr == "" if says else "Did you mean 'fly'" in ran.stderr
-
-
-def test_fly_as_json(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    arguments = ["fly", *FAST, "--controller", "zero", "--set", "arrival.deadline_s=100"]
-    capfd.readouterr()
-    assert proxops(*arguments, "--out", "out", "--json") == 0
-    printed = json.loads(capfd.readouterr().out)
-    assert printed == json.loads((tmp_path / "out" / "summary.json").read_text())
-
-
-@pytest.mark.slow
-def test_pipes_get_plain_text(tmp_path: Path) -> None:
-    """There are no colours and no bars; results and remarks go to different streams."""
-    (tmp_path / "blob.obj").write_text(obj_text(blob()))
-    ran = run("shape", "blob.obj", folder=tmp_path)
-    assert ran.returncode == 0, ran.stderr
-    assert "\x1b" not in ran.stdout + ran.stderr
-    assert "\r" not in ran.stdout + ran.stderr
-    assert "sound" in ran.stdout
-    assert "Wrote" in ran.stderr
-    assert "Wrote" not in ran.stdout
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("typed", "offered"), [("proxops f", "fly"), ("proxops fly --contr", "--controller")]
-)
-def test_completion(tmp_path: Path, typed: str, offered: str) -> None:
-    changes = {
-        "_PROXOPS_COMPLETE": "complete_bash", "COMP_WORDS": typed,
-        "COMP_CWORD": str(len(typed.split()) - 1),
-    }  # fmt: skip
-    assert offered in run(folder=tmp_path, **changes).stdout.split()
 
 
 def interrupt_when(process: subprocess.Popen[str], begun: Path) -> None:
@@ -170,19 +119,3 @@ def test_interrupted(tmp_path: Path, arguments: list[str], says: str) -> None:
     assert err == says
     files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert [path.name for path in files if path.name != ".lock"] == []
-
-
-def test_interrupted_while_it_imports(tmp_path: Path) -> None:
-    """By Ctrl-C before there is a command line: one line, no traceback."""
-    # In place of what is imported first.
-    (tmp_path / "typer.py").write_text(
-        "import time\nfrom pathlib import Path\nPath('importing').touch()\ntime.sleep(60)\n"
-    )
-    found = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
-    process = subprocess.Popen(
-        [*PROXOPS, "fly"], cwd=tmp_path, env=environment(PYTHONPATH=found),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
-    interrupt_when(process, tmp_path / "importing")
-    assert process.communicate(timeout=60) == ("", "proxops: interrupted\n")
-    assert process.returncode == 130

@@ -16,7 +16,6 @@ import onnx
 import pytest
 import torch
 import xarray as xr
-from commands import proxops
 from onnx import TensorProto, helper
 from synthetic_log import synthetic_log
 
@@ -100,20 +99,6 @@ def test_hostile_scenario(what: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert [path.name for path in tmp_path.iterdir()] == ["theirs.yaml"]
 
 
-def test_a_message_is_one_line_of_plain_letters(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A terminal obeys control characters, so a file must not bring them there."""
-    monkeypatch.chdir(tmp_path)
-    Path("theirs.yaml").write_text('"\\e]0;title\\a\\e[2Jkey": 1\n')
-    assert proxops("fly", "theirs.yaml") == 2
-    said = capsys.readouterr().err
-    assert said.startswith("proxops: error: theirs.yaml: there is no key")
-    assert said.endswith("\n")
-    assert said.removesuffix("\n").isprintable()
-    assert len(said) < LONGEST
-
-
 # --- bundles --------------------------------------------------------------------------------------
 
 
@@ -163,14 +148,6 @@ def test_a_network_has_built_in_operators_only(
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("location", ["secret", "../secret"])
-def test_a_policy_with_weights_elsewhere(location: str, tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(ASSETS / "end_to_end", tmp_path / "bundle"))
-    (folder / "secret").write_bytes(bytes(12))
-    put_network(folder / "policy.json", network_with_weights_at(location))
-    refused(lambda: PolicyBundle.load(folder), "weights from other files")
-
-
 def put_network(described: Path, model: bytes, **changes: object) -> None:
     """Puts a network and its hash into a bundle."""
     (described.parent / "model.onnx").write_bytes(model)
@@ -197,15 +174,6 @@ def test_hostile_json(text: str, tmp_path: Path) -> None:
     refused(lambda: LidarBundle.load(folder), "bundle.json is")
     with pytest.raises(InputError):
         PackedFlights(folder)
-
-
-def test_texts_of_a_bundle_name_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The body and the recipe of a bundle are names for messages: nothing is opened by them."""
-    monkeypatch.chdir(tmp_path)
-    folder = Path(shutil.copytree(ASSETS / "end_to_end", tmp_path / "bundle"))
-    change(folder / "policy.json", body="../../../etc/passwd", recipe="../secret")
-    bundle = PolicyBundle.load(folder)
-    assert (bundle.body, bundle.recipe) == ("../../../etc/passwd", "../secret")
 
 
 LIDAR = {

@@ -1,24 +1,33 @@
-"""Bundles for tests: PyTorch takes a second or two to export one, so each is exported once."""
+"""What takes seconds to make is made once a session, whichever process of it is first."""
 
-import atexit
+import fcntl
+import hashlib
+import os
 import shutil
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from pathlib import Path
-from tempfile import mkdtemp
-
-_EXPORTED: dict[Hashable, Path] = {}
 
 
-def exported_once(folder: Path, key: Hashable, export: Callable[[Path], object]) -> Path:
-    """Makes `folder` a copy of what `export` writes into the path that it is given.
+def made_once(key: str, make: Callable[[Path], object]) -> Path:
+    """What `make` writes into the path that it is given, at the first `key` of its kind only.
 
-    `export` is called at the first `key` of its kind only.
+    Do not change it.
     """
-    if key not in _EXPORTED:
-        made = Path(mkdtemp(prefix="bundle-"))
-        atexit.register(shutil.rmtree, made, ignore_errors=True)
-        export(made / "bundle")
-        _EXPORTED[key] = made / "bundle"
+    name = hashlib.sha256(key.encode()).hexdigest()[:16]
+    made = Path(os.environ["PROXOPS_TESTS_FOLDER"]) / name
+    with made.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not made.exists():
+            part = made.with_suffix(".part")
+            shutil.rmtree(part, ignore_errors=True)
+            make(part)
+            part.rename(made)
+    return made
+
+
+def exported_once(folder: Path, key: object, export: Callable[[Path], object]) -> Path:
+    """Makes `folder` a copy of the bundle that `export` writes, once for each `key`."""
+    made = made_once(repr(key), export)
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(_EXPORTED[key], folder)
+    shutil.copytree(made, folder)
     return folder

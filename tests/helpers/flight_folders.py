@@ -1,11 +1,10 @@
 """Folders of short real flights, for tests of what reads many logs."""
 
-import atexit
 import shutil
 from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
 
+from exported_once import made_once
 from short_flights import BRIEF, short_scenario
 
 from proxops.diagrams.flight.simulation import fly
@@ -32,19 +31,16 @@ def flight(name: str) -> FlightLog:
     return fly(short_scenario(**(BRIEF | own | changes)))
 
 
-@cache
-def _written() -> Path:
-    folder = Path(mkdtemp(prefix="flights-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+def _write(folder: Path) -> None:
+    folder.mkdir()
     for name in FLIGHTS:
         flight(name).to_netcdf(folder / f"{name}.nc")
-    return folder
 
 
 def copy_flights(folder: Path) -> Path:
     """A folder with a log of each of `FLIGHTS`, to be changed at will."""
     target = folder / "flights"
     target.mkdir()
-    for path in _written().glob("*.nc"):
+    for path in made_once("flights", _write).glob("*.nc"):
         shutil.copy2(path, target)
     return target

@@ -38,25 +38,12 @@ class Counting(nn.Module):
 
 
 class NotANumber(Counting):
-    """Works like `Counting`, but each third step divides 0 by 0.
-
-    It does so in the force, in the memory, or in an index, which ONNX Runtime then refuses.
-    """
-
-    def __init__(self, spoiled: str):
-        super().__init__()
-        self.spoiled = spoiled
+    """Works like `Counting`, but each third step divides 0 by 0 in the force."""
 
     def forward(self, ranges, target, commanded_force, memory):
         force, estimate, following = super().forward(ranges, target, commanded_force, memory)
         left = 2.0 - memory[:, :1]
-        one = left / left
-        if self.spoiled == "force":
-            return force * one, estimate, following
-        if self.spoiled == "index":
-            zeros = torch.zeros(3, 3)
-            return force + zeros[(0.0 * one[:, 0]).long()], estimate, following
-        return force, estimate, following * one
+        return force * (left / left), estimate, following
 
 
 class DeadReckoning(nn.Module):

@@ -51,17 +51,3 @@ def command_lines() -> list[tuple[str, str]]:
             lines = block.text.replace("\\\n", " ").splitlines()
             found += [(block.page, line) for line in lines if line and not line.startswith("#")]
     return found
-
-
-def commands_in_sentences() -> list[tuple[str, str]]:
-    """Page and text of each `proxops …` or `python …` between backquotes, without an ellipsis."""
-    found = []
-    for page, text in PAGES.items():
-        prose = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
-        spans = [" ".join(span.split()) for span in re.findall(r"`([^`]+)`", prose)]
-        found += [
-            (page, span)
-            for span in spans
-            if re.match(r"(proxops|python) [\w-]", span) and "…" not in span
-        ]
-    return found

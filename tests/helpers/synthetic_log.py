@@ -1,16 +1,13 @@
 """A flight log without a flight: a smooth path round the body, for tests of what reads logs."""
 
-import dataclasses
 from functools import cache
 
 import numpy as np
 
 from proxops.diagrams.logs.flight_log import FlightLog, make_dataset
-from proxops.diagrams.scenario.body import Body, load_body
-from proxops.diagrams.scenario.scenario import dump_scenario
+from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems.lidar import ray_directions
-from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.ray_casting import RayCaster
 
 
@@ -64,18 +61,3 @@ def synthetic_log(steps: int = 480, ranges: bool = True) -> FlightLog:
         "wall_s": 1.0,
     }
     return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)
-
-
-def similar_log(log: FlightLog, scale: float) -> FlightLog:
-    """The same flight with all lengths so many times as long; times and forces stay."""
-    shape = log.body.shape
-    axes = [float(scale * axis) for axis in log.body.keep_out_semi_axes]
-    config = dataclasses.replace(log.body.config, keep_out_semi_axes_m=axes)
-    body = Body(config, Polyhedron(scale * shape.vertices, shape.facets, shape.name))
-    arrival = log.scenario.arrival
-    arrival = dataclasses.replace(arrival, radius_m=scale * arrival.radius_m)
-    scenario = dataclasses.replace(log.scenario, arrival=arrival)
-    data = log.dataset.copy()
-    for name in ("state", "target", "ranges"):
-        data[name] = scale * data[name]
-    return FlightLog(data.assign_attrs(scenario=dump_scenario(scenario)), body)

@@ -5,7 +5,6 @@ import signal
 import time
 
 from proxops.diagrams.flight import Flight
-from proxops.systems import InputError
 
 
 def process_of(piece: Flight) -> int:
@@ -18,7 +17,3 @@ def kills_its_process(piece: Flight) -> str:
     if piece.scenario.transit.index == 0:
         os.kill(os.getpid(), signal.SIGKILL)
     return piece.controller
-
-
-def refuses(piece: Flight) -> str:
-    raise InputError(f"{piece.name} is of no use")

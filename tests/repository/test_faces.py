@@ -43,17 +43,13 @@ def test_no_exported_name_hides_a_module(name: str) -> None:
         assert modules & set(face.__all__) == set(), room
 
 
-def test_no_torch_before_it_is_needed() -> None:
-    code = f"import sys, {', '.join(WITHOUT_TORCH)}; print('torch' in sys.modules)"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout == "False\n"
-
-
-def test_the_commands_start_without_what_is_slow_to_import() -> None:
+def test_what_is_slow_to_import_waits_until_it_is_needed() -> None:
+    """By the commands, which start without it; and PyTorch by all that flies and evaluates."""
     slow = ["matplotlib", "onnxruntime", "scipy.stats", "torch"]
     code = (
         "import sys; from proxops.cli.main import COMMANDS, command; [*map(command, COMMANDS)]\n"
-        f"print([x for x in {slow} if x in sys.modules])"
+        f"print([x for x in {slow} if x in sys.modules])\n"
+        f"import {', '.join(WITHOUT_TORCH)}; print('torch' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout == "[]\n"
+    assert run.stdout == "[]\nFalse\n"

@@ -12,8 +12,6 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[2]
 FOLDERS = sorted(path.parent.name for path in ROOT.glob("*/__init__.py"))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -73,28 +71,25 @@ EXCHANGE = named(PROJECT["optional-dependencies"]["exchange"])
 SPICE = named(PROJECT["optional-dependencies"]["spice"])
 
 
-@pytest.mark.parametrize("package", [*CORE, *TRAIN, *GYM, *CLUSTER, *EXCHANGE, *SPICE])
-def test_dependency_is_used(package: str) -> None:
-    if package in USED_BY_NAME:
-        texts = (path.read_text() for path in sources(*FOLDERS))
-        assert any(re.search(USED_BY_NAME[package], text) for text in texts)
-    else:
-        name = IMPORTED_AS.get(package, package)
-        assert any(name in imported(path) for path in sources(*FOLDERS))
+def test_every_dependency_is_used() -> None:
+    text = "\n".join(path.read_text() for path in sources(*FOLDERS))
+    names = set[str]().union(*(imported(path) for path in sources(*FOLDERS)))
+    for package in [*CORE, *TRAIN, *GYM, *CLUSTER, *EXCHANGE, *SPICE]:
+        if package in USED_BY_NAME:
+            assert re.search(USED_BY_NAME[package], text), package
+        else:
+            assert IMPORTED_AS.get(package, package) in names
 
 
-@pytest.mark.parametrize("folder", FOLDERS)
-def test_what_is_imported_is_a_dependency(folder: str) -> None:
-    allowed = {IMPORTED_AS.get(package, package) for package in CORE}
-    if folder in ("training", "studies"):
-        allowed |= {*TRAIN, *GYM}
-    if folder == "systems":
-        allowed |= {*SPICE}
-    if folder == "diagrams":
-        allowed |= {*CLUSTER}
-    for path in sources(folder):
-        others = imported(path) - set(sys.stdlib_module_names) - {"proxops"}
-        assert others - allowed - IN_NOTEBOOKS_ONLY <= set(), path
+def test_what_is_imported_is_a_dependency() -> None:
+    extras = {"training": TRAIN + GYM, "studies": TRAIN + GYM, "systems": SPICE}
+    extras |= {"diagrams": CLUSTER}
+    standard = {*sys.stdlib_module_names, "proxops"}
+    for folder in FOLDERS:
+        packages = [*CORE, *extras.get(folder, [])]
+        allowed = {IMPORTED_AS.get(package, package) for package in packages} | standard
+        for path in sources(folder):
+            assert imported(path) - allowed - IN_NOTEBOOKS_ONLY == set(), path
 
 
 def test_contracts_are_about_all_folders() -> None:
@@ -102,11 +97,10 @@ def test_contracts_are_about_all_folders() -> None:
     assert sorted(contracts["root_packages"]) == [f"proxops.{folder}" for folder in FOLDERS]
 
 
-@pytest.mark.parametrize("folder", FOLDERS)
-def test_folders_are_imported_as_proxops(folder: str) -> None:
+def test_folders_are_imported_as_proxops() -> None:
     """From the repository's root `import systems` would load a second copy of each module."""
     for path in sources(*FOLDERS, "benchmarks", "docs", "examples", "tests"):
-        assert folder not in imported(path), path
+        assert imported(path).isdisjoint(FOLDERS), path
 
 
 def test_functions_are_short() -> None:

@@ -7,7 +7,6 @@ from pages import PAGES, README
 
 def test_its_links_lead_somewhere() -> None:
     links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", PAGES["README.md"])
-    assert len(links) > 10
     for link in links:
         assert (README.parent / link).exists(), link
 

@@ -106,9 +106,3 @@ def test_flights_on_other_transits_are_not_taken() -> None:
         SystemExit, match=r"flagship, hybrid, assured: 2 transits of seed .* not 852"
     ):
         render.check_flown(campaigns)
-
-
-def test_no_path_of_a_machine_is_in_the_results() -> None:
-    text = render.RESULTS.read_text()
-    assert "/home" not in text
-    assert "/tmp" not in text

@@ -3,7 +3,6 @@
 import base64
 import functools
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from proxops.diagrams.exchange import write_mcap, write_oem
 from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import change_scenario, load_scenario
-from proxops.systems import InputError
 
 
 @functools.cache
@@ -78,19 +76,6 @@ def test_mcap_has_the_returns_and_the_body(tmp_path: Path) -> None:
     assert np.median(away) < 2e3  # About as long as an edge.
 
 
-def test_mcap_has_the_numbers(tmp_path: Path) -> None:
-    write_mcap(log(), tmp_path / "flight.mcap")
-    data, rows = log().dataset, messages(tmp_path / "flight.mcap")["/flight"]
-    assert len(rows) == data.sizes["time"]
-    _, _, last = rows[-1]
-    assert last["state"] == data["state"].values[-1].tolist()
-    assert "ranges" not in last
-    off = data["navigation_state"].values[-1, :3] - data["state"].values[-1, :3]
-    assert last["navigation_position_error"] == pytest.approx(np.linalg.norm(off))
-    # What is not known is null, not NaN, which JSON does not have.
-    assert np.isnan(data["solve_time"].values[-1]) == (last["solve_time"] is None)
-
-
 def test_oem_is_the_inertial_motion(tmp_path: Path) -> None:
     """Its velocity is the derivative of its position, which turns with the body."""
     write_oem(log(), tmp_path / "flight.oem", "2031-05-01T00:00:00")
@@ -124,11 +109,3 @@ def test_both_by_the_command(tmp_path: Path) -> None:
     found = CliRunner().invoke(app, ["replay", str(tmp_path / "flight.nc"), *options])
     assert found.exit_code == 0, found.output
     assert all(file.stat().st_size > 1000 for file in files.values())
-
-
-def test_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("mcap", "mcap.writer", "oem", "oem.components"):
-        monkeypatch.setitem(sys.modules, name, None)
-    for write, suffix in ((write_mcap, "mcap"), (write_oem, "oem")):
-        with pytest.raises(InputError, match=r"proxops\[exchange\]"):
-            write(log(), tmp_path / f"flight.{suffix}")

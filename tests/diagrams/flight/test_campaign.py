@@ -18,20 +18,17 @@ from typing import Any
 
 import psutil
 import pytest
-from short_flights import BRIEF, kleopatra, short_scenario, write_blob
-from worker_tasks import kills_its_process, process_of, refuses
+from short_flights import BRIEF, short_scenario
+from worker_tasks import kills_its_process, process_of
 
 from proxops.assets import ASSETS
-from proxops.diagrams.flight import Workers, campaign, parallel
+from proxops.diagrams.flight import Workers, campaign
 from proxops.diagrams.flight.campaign import Flight, run_campaign, transit_flights
-from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.origin import Provenance, provenance
+from proxops.diagrams.flight.origin import Provenance
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.scenario.scenario import change_scenario, load_scenario
+from proxops.diagrams.scenario.scenario import change_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import InputError
-from proxops.systems.navigation import LidarNavigationConfig
 
 WALL_TIMES = {"wall_s", "control_ms_median", "control_ms_p99", "control_ms_mean"}
 
@@ -70,69 +67,55 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def test_flights_are_the_set_s_transits() -> None:
     made = flights(12)
     assert len({flight.name for flight in made}) == 12
-    for index, (flight, transit) in enumerate(zip(made, transit_set(10000, 12), strict=True)):
-        scenario = flight.scenario
-        assert (scenario.transit.seed, scenario.transit.index) == (10000, index)
-        assert (transit.seed, transit.index) == (10000, index)
-        assert scenario.transit.start_m is scenario.transit.goal_m is None
-        assert scenario.mpc == brief().mpc
+    ends = [(each.scenario.transit.seed, each.scenario.transit.index) for each in made]
+    assert ends == [(10000, index) for index in range(12)]
     assert flights(3) == made[:3]
     assert pickle.loads(pickle.dumps(made)) == made  # So workers can get them.
 
 
-def test_a_drawn_mesh_that_was_edited_is_another(tmp_path: Path) -> None:
-    mesh = tmp_path / "rock.obj"
-    shutil.copy(ASSETS / "kleopatra" / "kleopatra.obj", mesh)
-    (tmp_path / "mine.yaml").write_text("truth.mesh: {choice: [rock.obj, null]}\n")
-    scenario = change_scenario(brief(), {"dispersions": str(tmp_path / "mine.yaml")})
-    first = transit_flights(scenario, "zero", 1, 12)
-    drawn = [flight.scenario.truth.mesh for flight in first]
-    assert set(drawn) == {None, str(mesh)}
-    assert transit_flights(scenario, "zero", 1, 12) == first
-    mesh.write_text(mesh.read_text() + "# edited\n")
-    for name, before, after in zip(
-        drawn, first, transit_flights(scenario, "zero", 1, 12), strict=True
-    ):
-        assert (before.provenance == after.provenance) == (name is None)
-
-
-def test_a_controller_that_was_edited_is_another(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("part", ["controller", "its file", "mesh", "map", "dispersions", "bounds"])
+def test_flights_know_the_files_that_they_depend_on(
+    part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """The same files give the same flights; where one was edited, another provenance."""
     monkeypatch.chdir(tmp_path)
-    text = "def make(scenario, body):\n    return None\n"
-    Path("edited_controller.py").write_text(text)
-    [first] = transit_flights(brief(), "edited_controller:make", 1, 1)
-    assert transit_flights(brief(), "edited_controller:make", 1, 1) == [first]
-    Path("edited_controller.py").write_text(text.replace("None", "body"))
-    [second] = transit_flights(brief(), "edited_controller:make", 1, 1)
-    assert dc.replace(second, provenance=first.provenance) == first
-    assert second.provenance != first.provenance
-    with pytest.raises(InputError, match="there is no module no_such_controller"):
-        transit_flights(brief(), "no_such_controller:make", 1, 1)
-
-
-def test_the_files_of_a_controller_are_part_of_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A network that was trained again is another controller, although its module is the same."""
-    monkeypatch.chdir(tmp_path)
-    module = Path("controller_with_files.py")
+    name = f"edited_{part.replace(' ', '_')}"
+    module = Path(f"{name}.py")
     module.write_text("FILES = ['net.pt']\n\n\ndef make(scenario, body):\n    return None\n")
-    with pytest.raises(InputError, match=r"net\.pt, one of its FILES, does not exist"):
-        transit_flights(brief(), "controller_with_files:make", 1, 1)
-    made = []
-    for content in ("weights", "weights", "other weights"):
-        Path("net.pt").write_text(content)
-        made += transit_flights(brief(), "controller_with_files:make", 1, 1)
-    assert made[0] == made[1]
-    assert made[0].provenance != made[2].provenance
+    Path("net.pt").write_text("weights")
+    shutil.copy(ASSETS / "kleopatra" / "kleopatra.obj", "rock.obj")
+    Path("map.obj").write_text("# only its content counts\n")
+    Path("mine.yaml").write_text("truth.gravity: {normal: 1.0, three_sigma: 0.01}\n")
+    changes = {
+        "mesh": {"truth.mesh": "rock.obj"},
+        "map": {"navigation": {"_tag": "!LidarNavigation", "map": "map.obj"}},
+        "dispersions": {"dispersions": "mine.yaml"},
+        "bounds": {"assurance": {"bounds": "mine.yaml"}},
+    }
+    scenario = change_scenario(brief(), changes.get(part, {}))
+
+    def made() -> Flight:
+        [flight] = transit_flights(scenario, f"{name}:make", 1, 1)
+        return flight
+
+    first = made()
+    assert made() == first
+    edited = {"controller": module, "its file": "net.pt", "mesh": "rock.obj", "map": "map.obj"}
+    path = Path(edited.get(part, "mine.yaml"))
+    path.write_text(path.read_text().replace("0.01", "0.02") + "# edited\n")
+    assert made().provenance != first.provenance
+
+
+def test_files_of_a_controller_that_cannot_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     for text, complaint in (
+        ("FILES = ['net.pt']\n", r"net\.pt, one of its FILES, does not exist"),
         ("FILES = names()\n", r"NameError.* \(controller_with_files\.py, line 1\)"),
-        ("FILES = ['net.pt']\nFILES += ['more.pt']\n", r"more\.pt, one of its FILES"),
         ("FILES = 'net.pt'\n", "a list of texts"),
     ):
-        module.write_text(text)
+        Path("controller_with_files.py").write_text(text)
         with pytest.raises(InputError, match=complaint):
             transit_flights(brief(), "controller_with_files:make", 1, 1)
 
@@ -183,26 +166,16 @@ def test_two_workers_give_the_same_rows(tmp_path: Path) -> None:
 
 def test_resumes(tmp_path: Path, flown: list[str]) -> None:
     first = run_campaign(flights(2), tmp_path, workers=Workers(1))
-    assert len(flown) == 2
     told = []
     workers = Workers(1, progress=lambda done, text: told.append(done))
-    again = run_campaign(flights(2), tmp_path, workers=workers)
+    assert run_campaign(flights(2), tmp_path, workers=workers) == first
     assert len(flown) == 2
-    assert again == first
     assert told == [1.0]
-    more = run_campaign(flights(4), tmp_path, workers=Workers(1))
-    assert flown == [flight.name for flight in flights(4)]
-    assert more[:2] == first
-
-
-def test_logs_wanted_later_are_flown_for(tmp_path: Path, flown: list[str]) -> None:
-    run_campaign(flights(1), tmp_path, workers=Workers(1))
+    # Logs that are wanted later are flown for.
     run_campaign(flights(1), tmp_path, workers=Workers(1), keep_logs=True)
-    assert len(flown) == 2
     run_campaign(flights(1), tmp_path, workers=Workers(1), keep_logs=True)
-    assert len(flown) == 2
-    log = FlightLog.load(tmp_path / f"{flown[0]}.nc")
-    assert log.scenario == flights(1)[0].scenario
+    assert flown == [flight.name for flight in [*flights(2), *flights(1)]]
+    assert FlightLog.load(tmp_path / f"{flown[0]}.nc").scenario == flights(1)[0].scenario
 
 
 def test_unfinished_files_are_ignored(tmp_path: Path, flown: list[str]) -> None:
@@ -216,44 +189,6 @@ def test_unfinished_files_are_ignored(tmp_path: Path, flown: list[str]) -> None:
     assert FlightLog.load(tmp_path / f"{name}.nc").summary == row
 
 
-def test_another_scenario_under_the_same_names(tmp_path: Path, flown: list[str]) -> None:
-    run_campaign(flights(1), tmp_path, workers=Workers(1))
-    heavy = short_scenario(**BRIEF, spacecraft__mass_kg=120.0)
-    with pytest.raises(InputError, match=r"another scenario, such as .*: give another output"):
-        run_campaign(transit_flights(heavy, "mpc", 10000, 1), tmp_path, workers=Workers(1))
-    assert len(flown) == 1
-
-
-def test_worker_with_another_version(tmp_path: Path) -> None:
-    made = [dc.replace(each, provenance=Provenance("99", "0")) for each in flights(1)]
-    with pytest.raises(InputError, match=r"a worker has proxops .* campaign is of proxops"):
-        run_campaign(made, tmp_path, workers=Workers(1))
-    assert visible(tmp_path) == []
-
-
-@pytest.mark.parametrize("content", ["{", '{"flight": 3}'])
-def test_foreign_file_under_a_flight_s_name(tmp_path: Path, content: str) -> None:
-    name = flights(1)[0].name
-    (tmp_path / f"{name}.json").write_text(content)
-    with pytest.raises(InputError, match=name):
-        run_campaign(flights(1), tmp_path, workers=Workers(1))
-
-
-def test_impossible_flight_is_told_apart(tmp_path: Path) -> None:
-    """A refusal comes through a worker process as what it is."""
-    made = flights(2, "json:no_such_factory")
-    name = made[0].name
-    with pytest.raises(InputError, match=f"flight {name}: .*no function 'no_such_factory'"):
-        run_campaign(made, tmp_path, workers=Workers(1))
-    assert visible(tmp_path) == []
-
-
-@pytest.mark.slow
-def test_no_scheduler(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no Dask scheduler answers"):
-        run_campaign(flights(1), tmp_path, workers=Workers(scheduler="tcp://127.0.0.1:9"))
-
-
 def test_a_scheduler_takes_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     with pytest.raises(
@@ -262,26 +197,34 @@ def test_a_scheduler_takes_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
         list(Workers(scheduler="tcp://127.0.0.1:9").results(flights(1), process_of))
 
 
-ONE_CORE = """
-from threadpoolctl import threadpool_info
-from proxops.diagrams.flight.parallel import _on_one_thread
+def test_campaigns_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = flights(1)[0].name
 
-def threads(piece):
-    return {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
+    def refused(made: list[Flight], words: str) -> None:
+        with pytest.raises(InputError, match=words):
+            run_campaign(made, tmp_path, workers=Workers(1))
 
-print(_on_one_thread(threads, None))
-"""
-
-
-@pytest.mark.slow
-def test_a_worker_takes_one_core() -> None:
-    """Threads of linear algebra would only be in the way of the other workers."""
-    limits = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    free = {name: value for name, value in os.environ.items() if name not in limits}
-    told = subprocess.run(
-        [sys.executable, "-c", ONE_CORE], env=free, check=True, capture_output=True, text=True
+    other = [dc.replace(each, provenance=Provenance("99", "0")) for each in flights(1)]
+    refused(other, r"a worker has proxops .* campaign is of proxops")
+    # A refusal comes through a worker as what it is.
+    made = flights(1, "json:no_such_factory")
+    refused(made, f"flight {made[0].name}: .*no function 'no_such_factory'")
+    assert visible(tmp_path) == []
+    (tmp_path / f"{name}.json").write_text('{"flight": 3}')
+    refused(flights(1), name)
+    (tmp_path / f"{name}.json").unlink()
+    run_campaign(flights(1, "zero"), tmp_path, workers=Workers(1))
+    heavy = short_scenario(**BRIEF, spacecraft__mass_kg=120.0)
+    refused(
+        transit_flights(heavy, "zero", 10000, 1),
+        r"another scenario, such as .*: give another output",
     )
-    assert told.stdout.strip() == "{1}"
+
+    def no_locks(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(campaign.fcntl, "lockf", no_locks)
+    refused(flights(1), "without locks")
 
 
 @pytest.mark.slow
@@ -300,10 +243,6 @@ def test_processes_of_this_machine_listen_to_nobody() -> None:
     assert listening == []
 
 
-def has_ended(process: int) -> bool:
-    return not psutil.pid_exists(process) or psutil.Process(process).status() == "zombie"
-
-
 @pytest.mark.slow
 def test_a_piece_that_ends_its_processes_is_named() -> None:
     """The others are done: their processes go on, and the work is given up at its fourth death."""
@@ -317,13 +256,6 @@ def test_a_piece_that_ends_its_processes_is_named() -> None:
 
 def command_of(process: psutil.Process) -> str:
     return " ".join(process.cmdline())
-
-
-@pytest.mark.slow
-def test_a_refusal_comes_from_another_process_as_what_it_is() -> None:
-    with pytest.raises(InputError, match="is of no use") as caught:
-        list(Workers(2).results(flights(2), refuses))
-    assert "in refuses" in "".join(caught.value.__notes__)  # Where it was raised.
 
 
 INTERRUPTED = """
@@ -367,21 +299,6 @@ def test_ctrl_c_ends_the_processes(tmp_path: Path, begun: bool) -> None:
     assert errors.endswith("KeyboardInterrupt\n")
     _, left = psutil.wait_procs(workers, timeout=5.0)
     assert left == []
-
-
-@pytest.mark.slow
-def test_processes_that_are_kept_do_later_work_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parallel, "_PIECES_PER_PROCESS", 4)
-    with Workers(2).kept() as workers, workers.kept() as same:
-        first = set(dict(workers.results(flights(4), process_of)).values())
-        second = set(dict(same.reporting(print).results(flights(4), process_of)).values())
-        assert len(first) == 2
-        assert second == first
-        # They have done four pieces each.
-        third = set(dict(workers.results(flights(2), process_of)).values())
-        assert not third & first
-        assert all(has_ended(process) for process in first)
-    assert all(has_ended(process) for process in third)
 
 
 CAMPAIGN = """
@@ -449,78 +366,3 @@ def test_killed_with_workers_and_run_again(tmp_path: Path, flown: list[str]) -> 
     made = flights(10)
     killed_campaign(tmp_path, made, workers=2, finished=3)
     finish(tmp_path, made, flown)
-
-
-# --- what flights depend on -----------------------------------------------------------------------
-
-
-def test_a_draw_that_is_too_heavy_ends_its_flight_alone(tmp_path: Path) -> None:
-    path = tmp_path / "heavy.yaml"
-    path.write_text("spacecraft.mass_kg: {choice: [100.0, 5000.0]}\n")
-    scenario = dc.replace(brief(), dispersions=str(path))
-    flights = transit_flights(scenario, "zero", 0, 4)
-    rows = run_campaign(flights, tmp_path / "out", workers=Workers(1))
-    for row in rows:
-        heavy = row["dispersed"]["spacecraft.mass_kg"] > 1000.0
-        assert ("cannot be held" in row.get("unflyable", "")) == heavy
-    assert 0 < sum("unflyable" in row for row in rows) < 4
-
-
-def test_the_navigation_s_map_counts(tmp_path: Path) -> None:
-    """A mended map is written to the same file again and again."""
-    path = tmp_path / "mended.obj"
-    path.write_text("# only its content counts\n")
-    scenario = brief()
-    scenario.navigation = LidarNavigationConfig(map=str(path))
-    origins = [provenance(scenario, kleopatra(), "mpc")]
-    path.with_suffix(".npz").write_bytes(b"errors of the map")
-    origins.append(provenance(scenario, kleopatra(), "mpc"))
-    path.write_text(path.read_text() + "# mended again\n")
-    origins.append(provenance(scenario, kleopatra(), "mpc"))
-    assert len(set(map(str, origins))) == 3
-
-
-@pytest.mark.parametrize("key", ["dispersions", "assurance"])
-def test_own_dispersions_count(key: str, tmp_path: Path) -> None:
-    """Also where only the bounds of runtime assurance follow from them."""
-    path = tmp_path / "mine.yaml"
-    origins = []
-    for sigma in (0.01, 0.02):
-        path.write_text(f"truth.gravity: {{normal: 1.0, three_sigma: {sigma}}}\n")
-        setting = str(path) if key == "dispersions" else {"bounds": str(path)}
-        scenario = load_scenario(None, {key: setting})
-        origins.append(provenance(scenario, kleopatra(), "mpc"))
-    assert len(set(map(str, origins))) == 2
-
-
-def test_a_body_s_file_that_changed_is_read_again(tmp_path: Path) -> None:
-    """A notebook's process flies at what the file holds now."""
-    for mass in (2.97e18, 3.3e18):
-        scenario = dc.replace(brief(), body=write_blob(tmp_path, mass_kg=mass))
-        (flight,) = transit_flights(scenario, "zero", 0, 1)
-        assert campaign._body_of(flight).gravity_field.mass == mass
-
-
-def test_a_controller_that_changed_is_imported_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    forces = []
-    for force in (1.0, 2.0):
-        Path("own_for_test.py").write_text(
-            "from pydrake.systems.primitives import ConstantVectorSource\n"
-            "def make(scenario, body):\n"
-            f"    return ConstantVectorSource([{force}, 0.0, 0.0])\n"
-        )
-        made = named_controller("own_for_test:make", brief(), kleopatra())
-        forces.append(made.GetOutputPort("y0").Eval(made.CreateDefaultContext())[0])
-    assert forces == [1.0, 2.0]
-
-
-def test_folder_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_locks(*_: object) -> None:
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr(campaign.fcntl, "lockf", no_locks)
-    with pytest.raises(InputError, match="without locks"):
-        run_campaign(flights(1), tmp_path, workers=Workers(1))

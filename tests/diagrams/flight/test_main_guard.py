@@ -1,7 +1,6 @@
 """A script that starts processes without `if __name__ == "__main__":` is told what to write."""
 
 import runpy
-import subprocess
 import sys
 from pathlib import Path
 
@@ -9,33 +8,12 @@ import pytest
 
 from proxops.systems import InputError
 
-CAMPAIGN = """
-from collections import namedtuple
-from operator import attrgetter
-from proxops.diagrams.flight import Workers
-print("imported")
-Piece = namedtuple("Piece", "name")
-print(dict(Workers(2).results([Piece("a"), Piece("b")], attrgetter("name"))))
-"""
 # What starts processes, called from a function, as `Workers` does.
 SCRIPT = """
 from proxops.diagrams.flight.main_guard import check_main_guard
 def work():
     check_main_guard()
 """
-
-
-def test_it_is_said_before_a_process_starts(tmp_path: Path) -> None:
-    (tmp_path / "fly.py").write_text(CAMPAIGN)
-    done = subprocess.run(
-        [sys.executable, "fly.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 1
-    assert done.stdout == "imported\n"
-    assert done.stderr.count("Traceback") == 1
-    complaint = done.stderr.splitlines()[-1]
-    assert "fly.py, line 7: this starts processes" in complaint
-    assert 'put what the script does under `if __name__ == "__main__":`' in complaint
 
 
 @pytest.mark.parametrize(
@@ -50,8 +28,6 @@ def test_it_is_said_before_a_process_starts(tmp_path: Path) -> None:
 def test_without_a_guard(tmp_path: Path, ending: str) -> None:
     with pytest.raises(InputError, match="this starts processes"):
         run(tmp_path, ending)
-    with pytest.raises(InputError, match="this starts processes"):
-        run(tmp_path, ending, ("-m", "script"))
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,8 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs import FlightLog, differences, why_never_known
 from proxops.diagrams.scenario import LidarNavigationConfig, Scenario
-from proxops.systems import InputError, PlanReason
+from proxops.systems import PlanReason
+from proxops.systems.common.errors import InputError
 
 START = np.array([160e3, 0.0, 0.0, 0.0, 0.0, 0.0])
 NOWHERE = np.full(6, np.nan)
@@ -104,23 +105,6 @@ def test_every_port_of_motion_is_the_navigation_s(monkeypatch: pytest.MonkeyPatc
     )
 
 
-@pytest.mark.parametrize(
-    ("controller", "changes", "there"),
-    [
-        (Scripted(ports=[("velocity", 3)]), {}, True),
-        (Scripted(ports=[("ranges", 4320), ("target", 6)]), {}, False),
-        (Scripted(), {"assurance": {}}, True),
-    ],
-)
-def test_navigation_is_there_if_somebody_reads_it(
-    controller: System, changes: dict, there: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    use(monkeypatch, NavigationDouble(lambda time: START))
-    diagram = built(controller, on_lidar(**changes))
-    for name in ("navigation", "navigation_parts", "command_axes"):
-        assert diagram.HasSubsystemNamed(name) == there
-
-
 # --- axes -----------------------------------------------------------------------------------------
 
 
@@ -177,13 +161,6 @@ def test_flights_wait_for_the_navigation(controller: str, monkeypatch: pytest.Mo
         assert reasons[4] == PlanReason.SOLVED_ANEW_NO_PLAN
 
 
-def test_lost_on_the_way_the_plan_is_continued(monkeypatch: pytest.MonkeyPatch) -> None:
-    use(monkeypatch, NavigationDouble(lambda time: NOWHERE if 35.0 < time < 85.0 else START))
-    data = fly(on_lidar(**BRIEF), "mpc", body=kleopatra()).dataset
-    assert (data["solve_status"].values[4:9] == 1).all()
-    assert np.linalg.norm(data["force"].values[4:9], axis=1).min() > 0.1
-
-
 # --- the log --------------------------------------------------------------------------------------
 
 
@@ -207,6 +184,14 @@ def log(drifting: FlightLog, monkeypatch: pytest.MonkeyPatch) -> FlightLog:
     """The drifting flight, whose figures count from 60 s on. Do not change it."""
     monkeypatch.setattr("proxops.diagrams.logs.navigation_figures._SETTLED", 60.0)
     return drifting
+
+
+def test_phases_that_there_are_not_are_refused(log: FlightLog, tmp_path: Path) -> None:
+    data = log.dataset
+    damaged = data.assign(navigation_phase=data["navigation_phase"] + 7.0)
+    FlightLog(damaged, log.body).to_netcdf(tmp_path / "flight.nc")
+    with pytest.raises(InputError, match=r"has wrong .*navigation_phase"):
+        FlightLog.load(tmp_path / "flight.nc")
 
 
 def test_columns(log: FlightLog, tmp_path: Path) -> None:
@@ -262,33 +247,3 @@ def test_figures(log: FlightLog) -> None:
     assert summary["navigation_consistent"] == pytest.approx(inside.min())
     steps = summary["steps"]
     assert summary["navigation_following"] == pytest.approx(1.0 - 4.0 / steps)
-
-
-@pytest.mark.parametrize(
-    ("damage", "named"),
-    [
-        (lambda data: data.drop_vars("navigation_attitude"), "navigation_attitude"),
-        (lambda data: data.isel(known=slice(0, 6)), "known"),
-        (lambda data: data.isel(quaternion=slice(0, 3)), "quaternion"),
-        (
-            lambda data: data.assign(navigation_phase=data["navigation_phase"] + 7.0),
-            "navigation_phase",
-        ),
-        (
-            lambda data: data.assign(navigation_state=data["navigation_state"].astype(str)),
-            "navigation_state",
-        ),
-    ],
-)
-def test_damaged_columns_are_refused(log: FlightLog, damage, named: str, tmp_path: Path) -> None:
-    FlightLog(damage(log.dataset), log.body).to_netcdf(tmp_path / "flight.nc")
-    with pytest.raises(InputError, match=f"has wrong .*{named}"):
-        FlightLog.load(tmp_path / "flight.nc")
-
-
-@pytest.mark.parametrize("value", [-np.inf, 1e300, 0.0])
-def test_figures_of_nonsense_are_no_traceback(log: FlightLog, value: float) -> None:
-    for name in ("navigation_state", "navigation_attitude", "navigation_covariance"):
-        data = log.dataset.copy(deep=True)
-        data[name][:] = value
-        assert "navigation_following" in FlightLog(data, log.body).summary

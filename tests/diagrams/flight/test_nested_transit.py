@@ -1,13 +1,9 @@
 """A transit inside a diagram of one's own flies as alone, and its ports say what they should."""
 
-import runpy
-from pathlib import Path
-
 import numpy as np
-import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Integrator, LogVectorOutput, VectorLogSink
-from short_flights import SHORT, PdController, Scripted, kleopatra, short_scenario
+from short_flights import SHORT, kleopatra
 
 from proxops.diagrams.flight import (
     Flown,
@@ -17,13 +13,9 @@ from proxops.diagrams.flight import (
     make_log,
     make_mpc,
     make_simulator,
-    make_transit_diagram,
 )
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Scenario, World, load_scenario
-from proxops.systems import LidarNavigation
-
-ROOT = Path(__file__).parents[3]
 
 
 def nested_flight(scenario: Scenario) -> tuple[FlightLog, dict[str, np.ndarray], float]:
@@ -92,41 +84,3 @@ def test_ports_say_what_they_are_to_say() -> None:
     np.testing.assert_array_equal(seen["force"], [[0.0, 0.0, 0.0], *held])
     spans = np.diff(alone["time"].values)
     np.testing.assert_allclose(seen["impulse"], spans @ alone["force"].values[:-1], rtol=1e-9)
-
-
-@pytest.mark.parametrize("controller", ["state", "none"])
-def test_without_a_navigation_state_is_the_true_one(controller: str) -> None:
-    """With `!TrueState`, and with a controller that reads no state."""
-    if controller == "state":
-        diagram = make_transit_diagram(short_scenario(), PdController(), body=kleopatra())
-    else:
-        scenario = load_scenario(None, SHORT)
-        diagram = make_transit_diagram(scenario, Scripted(), body=kleopatra())
-    assert ports(diagram) == {"true_state": 6, "state": 6, "force": 3, "ranges": 4320}
-    context = diagram.CreateDefaultContext()
-    for name in ("true_state", "state"):
-        state = diagram.GetOutputPort(name).Eval(context)
-        np.testing.assert_array_equal(state, [160e3, 0.0, 0.0, 0.0, 0.0, 0.0])
-
-
-def test_two_in_one_diagram() -> None:
-    builder, scenario = DiagramBuilder(), short_scenario()
-    first = add_transit(builder, scenario, PdController(), body=kleopatra())
-    first.set_name("first")
-    add_transit(builder, scenario, PdController(), body=kleopatra())
-    diagram = builder.Build()
-    assert diagram.HasSubsystemNamed("first")
-    assert diagram.HasSubsystemNamed("transit")
-
-
-def test_the_example(capsys: pytest.CaptureFixture[str]) -> None:
-    path = ROOT / "examples" / "11_nested_transit.py"
-    assert len(path.read_text().splitlines()) <= 60
-    names = runpy.run_path(str(path))
-    table = [line.split() for line in capsys.readouterr().out.splitlines()[1:]]
-    assert [float(row[0]) for row in table] == [60.0 * minute for minute in range(11)]
-    navigation = names["transit"].GetSubsystemByName("navigation")
-    assert isinstance(navigation, LidarNavigation)
-    # It begins with the error of one frame, and settles within metres.
-    assert 20.0 < float(table[0][2]) < 300.0
-    assert max(float(row[2]) for row in table[5:]) < 15.0

@@ -8,9 +8,6 @@ from jacobi import jacobi_integral
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 from short_flights import (
-    BRIEF,
-    PdController,
-    Scripted,
     disturbed_flight,
     falling_flight,
     kleopatra,
@@ -78,12 +75,6 @@ def test_the_plant_ends_where_a_much_finer_integration_ends() -> None:
     assert np.linalg.norm(log.dataset["state"].values[-1, :3] - end[:3]) < 1e-6
 
 
-def test_times_are_the_control_steps() -> None:
-    times = kleopatra_flight().dataset["time"].values
-    np.testing.assert_allclose(times[:-1], 10.0 * np.arange(len(times) - 1), atol=1e-9)
-    assert 0.0 < times[-1] - times[-2] <= 10.0
-
-
 @pytest.mark.parametrize(
     "flight",
     [pytest.param(kleopatra_flight, marks=pytest.mark.slow), disturbed_flight, falling_flight],
@@ -93,13 +84,6 @@ def test_forces_give_the_states(flight) -> None:
     error = reflown(log) - log.dataset["state"].values
     assert np.linalg.norm(error[:, :3], axis=1).max() < 0.1
     assert np.linalg.norm(error[:, 3:], axis=1).max() < 1e-3
-
-
-def test_undisturbed_force_is_the_expert_s() -> None:
-    data = kleopatra_flight().dataset
-    np.testing.assert_array_equal(data["force"][:-1], data["mpc_force"][:-1])
-    assert (data["disturbance"] == 0.0).all()
-    assert (data["solve_status"][:-1] == 0).all()
 
 
 def test_inertial_motion() -> None:
@@ -170,14 +154,6 @@ def test_disturbed_flight_repeats_bit_for_bit() -> None:
     assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
 
 
-def test_another_noise_seed_changes_the_sensor_and_the_push_alone() -> None:
-    scenario = short_scenario(**BRIEF)
-    one = fly(scenario, body=kleopatra())
-    scenario.noise_seed = 1
-    other = fly(scenario, body=kleopatra())
-    assert differences(one, other) == ["ranges"]
-
-
 # --- events ---------------------------------------------------------------------------------------
 
 
@@ -212,45 +188,6 @@ def test_free_fall_keeps_the_jacobi_integral() -> None:
     np.testing.assert_allclose(integral[high], integral[0], rtol=1e-9)
 
 
-def test_keep_out_violations_are_counted() -> None:
-    """Falling in is one; so is each dip of a spacecraft that goes in and comes out again."""
-    assert falling_flight().summary["keep_out_violations"] == 1
-    thrust = np.array([0.0, 0.0, 7.0])
-    pulses = Scripted(lambda time: thrust if time >= 300.0 else np.zeros(3))
-    scenario = short_scenario(transit__start_m=[0.0, 0.0, 66e3], arrival__deadline_s=1400.0)
-    log = fly(scenario, pulses, body=kleopatra())
-    heights = log.dataset["state"].values[:, 2]
-    assert heights.min() < 65e3 - 1.0 < 65e3 < heights[-1]
-    assert log.summary["keep_out_violations"] == 1
-    assert log.summary["min_clearance_m"] < -1.0
-    assert not log.summary["collided"]
-
-
-def test_never_arriving_ends_after_deadline_and_dwell() -> None:
-    log = fly(short_scenario(**BRIEF), PdController(), body=kleopatra())
-    times = log.dataset["time"].values
-    np.testing.assert_allclose(times, np.arange(0.0, 151.0, 10.0), atol=1e-9)
-    summary = log.summary
-    assert summary["arrival_time_s"] is None
-    assert not summary["success"]
-    assert summary["steps"] == 15
-    assert summary["hold_delta_v_m_s"] == 0.0
-
-
-def test_late_arrival_is_no_success() -> None:
-    """A deadline just before the arrival turns the same flight into none."""
-    near = {"transit__start_m": [160e3, 6e3, 0.0], "log_ranges": False}
-    arrival = fly(short_scenario(**near), body=kleopatra()).summary["arrival_time_s"]
-    in_time, late = (
-        fly(short_scenario(**near, arrival__deadline_s=deadline), body=kleopatra()).summary
-        for deadline in (arrival + 1.0, arrival - 1.0)
-    )
-    assert arrival > 100.0
-    assert in_time["success"]
-    assert in_time["arrival_time_s"] == pytest.approx(arrival)
-    assert not late["success"]
-
-
 # --- refusals -------------------------------------------------------------------------------------
 
 
@@ -258,12 +195,10 @@ def test_late_arrival_is_no_success() -> None:
     ("name", "complaint"),
     [
         ("pid", "controller 'pid' is not known: use mpc"),
-        ("", "is not known"),
         ("no_such_module:make", "there is no module no_such_module in"),
         ("short_flights:no_such_factory", "no function 'no_such_factory'"),
         ("builtins:isinstance", "isinstance"),
         ("folder/mine:make", "as mine:make, and run the command in its folder"),
-        ("mine.py:make", "as mine:make, and run the command in its folder"),
         ("short_flights:blob", r"blob must take \(scenario, body\)"),
     ],
 )
@@ -279,12 +214,3 @@ def test_a_period_of_several_steps_keeps_one_frame_each():
     log = fly(short_scenario(control_period_s=41.23, **brief), "zero", body=kleopatra())
     assert log.dataset.sizes["time"] > 10
     assert len(log.dataset["ranges"]) == log.dataset.sizes["time"]
-
-
-@pytest.mark.parametrize("off", [-1e-12, 0.0, 1e-12])
-def test_an_end_a_rounding_from_a_control_step_is_that_step(off: float) -> None:
-    period, dwell = 8.451, 50.0
-    ends = {"arrival__deadline_s": 16 * period - dwell + off, "arrival__dwell_s": dwell}
-    log = fly(short_scenario(control_period_s=period, **ends), "zero", body=kleopatra())
-    np.testing.assert_allclose(log.dataset["time"], period * np.arange(17), atol=1e-9)
-    assert log.dataset["ranges"].sizes["time"] == 17

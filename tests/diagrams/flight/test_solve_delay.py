@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from short_flights import BRIEF, kleopatra, short_scenario
+from short_flights import kleopatra, short_scenario
 
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
@@ -45,10 +45,9 @@ def applied_pieces(log: FlightLog, delay: float) -> list[tuple[float, float, np.
 
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", DELAYS)
-@pytest.mark.parametrize("index", [1])
-def test_long_transits_arrive(delay: float, index: int) -> None:
-    """Clear and blocked by the body; at no more than 1 % more than without a delay."""
-    flown = [long_transit(index, seconds) for seconds in (0.0, delay)]
+def test_a_long_transit_arrives(delay: float) -> None:
+    """Blocked by the body; at no more than 1 % more than without a delay."""
+    flown = [long_transit(1, seconds) for seconds in (0.0, delay)]
     assert flown[1]["success"]
     assert flown[1]["terminal_position_error_m"] <= 10.0
     assert flown[1]["delta_v_m_s"] <= 1.01 * flown[0]["delta_v_m_s"]
@@ -116,33 +115,6 @@ def test_plans_begin_where_the_flight_is_by_then(delay: float) -> None:
         simulator.AdvanceTo(10.0 * step + delay + 1e-3)
         assert now(hold, "y").tolist() == np.clip(plan.forces[0], -7.0, 7.0).tolist()
     assert max(moved) > 8.0 * delay
-
-
-def test_disturbance_is_applied_less_commanded() -> None:
-    changes = {"mpc__solve_delay_s": 4.0, "disturbance": {}, **BRIEF}
-    data = fly(short_scenario(**changes), body=kleopatra()).dataset
-    asked = np.isfinite(data["mpc_force"].values).all(axis=1)
-    sum_of_both = (data["mpc_force"] + data["disturbance"]).values[asked]
-    np.testing.assert_allclose(data["force"].values[asked], sum_of_both, atol=1e-12)
-    assert np.abs(data["disturbance"]).max() > 0.1
-
-
-@pytest.mark.parametrize("gain", [1.0])
-def test_estimator_stays_offset_free(gain: float) -> None:
-    """With a delay of a whole period, and even unsmoothed, it neither errs nor swings."""
-    place = [20e3, 95e3, 40e3]
-    scenario = load_scenario(
-        None,
-        {
-            "transit.start_m": place, "transit.goal_m": place, "arrival.dwell_s": 1500,
-            "arrival.deadline_s": 10, "mpc.solve_delay_s": 10.0, "mpc.estimator_gain": gain,
-            "truth.gravity": 0.8,
-        },
-        on_true_state=True,
-    )  # fmt: skip
-    log = fly(scenario)
-    assert log.summary["terminal_position_error_m"] < 1.0
-    assert np.abs(np.diff(log.dataset["force"].values[-20:-1], axis=0)).max() < 0.05
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import sys
 from importlib import metadata
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -36,7 +35,6 @@ from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, par
 from proxops.diagrams.scenario.scenario_config import TruthConfig
 from proxops.systems import InputError, TransitProgram
 from proxops.systems.common.errors import SolverFailure
-from proxops.systems.common.files import write_whole
 
 SIZES = {"component": 6, "axis": 3, "plane": 12, "ray": 360}
 # Of flights with kicks, with a policy, of a hybrid, with runtime assurance, or with a navigation.
@@ -59,26 +57,14 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # --- schema ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [name for name in VARIABLES if name not in SOMETIMES])
-def test_variable(name: str) -> None:
+def test_variables() -> None:
     data = kleopatra_flight().dataset
-    dimensions, units, long_name, *_ = VARIABLES[name]
-    assert data[name].dims == ("time", *dimensions)
-    assert data[name].shape[1:] == tuple(SIZES[dimension] for dimension in dimensions)
-    assert data[name].attrs["units"] == units
-    assert data[name].attrs["long_name"] == long_name
-
-
-def test_values_are_finite_where_they_must_be() -> None:
-    data = kleopatra_flight().dataset
-    for name in ("state", "target", "force", "disturbance", "position_inertial"):
-        assert np.isfinite(data[name]).all(), name
-    ranges = data["ranges"].values
-    assert not np.isnan(ranges).any()
-    assert (ranges >= 0.0).all()
-    hits = np.isfinite(ranges)
-    assert ranges[hits].max() < 350e3
-    assert hits.any(axis=(1, 2)).all()  # In the cube some ray always hits.
+    for name in VARIABLES.keys() - SOMETIMES:
+        dimensions, units, long_name, *_ = VARIABLES[name]
+        assert data[name].dims == ("time", *dimensions)
+        assert data[name].shape[1:] == tuple(SIZES[dimension] for dimension in dimensions)
+        assert data[name].attrs["units"] == units
+        assert data[name].attrs["long_name"] == long_name
 
 
 def test_global_attributes() -> None:
@@ -92,24 +78,6 @@ def test_global_attributes() -> None:
     digest = hashlib.sha256(log.dataset["mesh_vertices"].values.astype("<f8").tobytes())
     digest.update(log.dataset["mesh_facets"].values.astype("<i8").tobytes())
     assert attrs["shape_sha256"] == digest.hexdigest()
-
-
-@pytest.mark.parametrize(
-    ("name", "first", "last", "count"),
-    [
-        ("solve_status", "solved", "braking", 3),
-        ("solve_reason", "solved_about_last_plan", "solver_error", 9),
-    ],
-)
-def test_codes_say_what_they_mean(file: Path, name: str, first: str, last: str, count: int) -> None:
-    """The CF conventions ask for as many words as values, of the variable's own type."""
-    with xr.open_dataset(file, engine="h5netcdf") as opened:
-        values, words = (opened[name].attrs[f"flag_{kind}"] for kind in ("values", "meanings"))
-        assert values.dtype == opened[name].dtype
-        assert values.tolist() == list(range(count))
-        assert len(set(words.split(" "))) == count
-        assert (words.split(" ")[0], words.split(" ")[-1]) == (first, last)
-        assert set(opened[name].values[:-1]) <= set(values)
 
 
 def test_fallbacks_are_logged_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -262,40 +230,14 @@ def placed(distances_km: list[float], dwell: float = 600.0, **arrival: float) ->
         ([3.0] * 10 + [1.0] * 60 + [3.0] * 5, True),  # From 95 s to 695 s.
         ([3.0] * 10 + [1.0] * 59 + [3.0] * 5, False),
         ([3.0] * 10 + [1.0] * 30 + [3.0] + [1.0] * 30 + [3.0] * 5, False),
-        ([1.0] * 61, True),
-        ([1.0] * 60, False),
         ([3.0] * 5 + [1.0] * 61, True),
         ([3.0] * 5 + [1.0] * 60, False),  # 595 s when the log ends.
-        ([3.0] * 719 + [1.0] * 61, True),
         ([3.0] * 722 + [1.0] * 61, False),  # Past the deadline.
         ([3.0] * 100, False),
     ],
 )
 def test_dwell_at_two_kilometres(distances: list[float], success: bool) -> None:
     assert placed(distances).summary["success_2km"] == success
-
-
-@pytest.mark.parametrize(
-    ("kilometres", "arrival", "success"),
-    [
-        (1.0, {"radius_m": 400.0}, False),
-        (0.7, {"radius_m": 400.0}, True),
-        (0.009, {"radius_m": 5.0, "speed_m_s": 0.01}, True),
-        (0.011, {"radius_m": 5.0, "speed_m_s": 0.01}, False),
-        (7.0, {"radius_m": 4e3}, True),
-    ],
-)
-def test_success_at_two_kilometres_is_at_twice_the_radius(
-    kilometres: float, arrival: dict[str, float], success: bool
-) -> None:
-    assert placed([kilometres] * 70, **arrival).summary["success_2km"] == success
-
-
-@pytest.mark.parametrize(("share", "success"), [(1.9, True), (2.1, False)])
-def test_success_at_two_kilometres_is_at_twice_the_speed(share: float, success: bool) -> None:
-    log = placed([0.0] * 70, speed_m_s=0.02)
-    log.dataset["state"].values[:, 4] = share * 0.02
-    assert log.summary["success_2km"] == success
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -324,18 +266,6 @@ def test_differences_sees_one_bit() -> None:
     assert differences(log, dc.replace(log, dataset=log.dataset.drop_vars("target"))) == ["target"]
 
 
-def test_h5py_reads_it(file: Path) -> None:
-    with h5py.File(file) as opened:
-        state = opened["state"]
-        assert isinstance(state, h5py.Dataset)
-        np.testing.assert_array_equal(state[:], kleopatra_flight().dataset["state"])
-        assert state.attrs["units"] in ("m; m/s", b"m; m/s")
-        ranges = opened["ranges"]
-        assert isinstance(ranges, h5py.Dataset)
-        assert ranges.shape[1:] == (12, 360)
-        assert "Kleopatra" in str(opened.attrs["body"])
-
-
 def other_mesh(data: xr.Dataset) -> xr.Dataset:
     data["mesh_vertices"][3, 1] += 0.5
     return data
@@ -357,12 +287,12 @@ def test_log_without_a_part_is_refused(tmp_path: Path, change, complaint: str) -
         FlightLog.load(tmp_path / "flight.nc")
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.999])
-def test_truncated_file_is_refused(file: Path, tmp_path: Path, share: float) -> None:
+def test_truncated_file_is_refused(file: Path, tmp_path: Path) -> None:
     whole = file.read_bytes()
-    (tmp_path / "flight.nc").write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(InputError, match=r"flight\.nc"):
-        FlightLog.load(tmp_path / "flight.nc")
+    for share in (0.0, 0.3, 0.999):
+        (tmp_path / "flight.nc").write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(InputError, match=r"flight\.nc"):
+            FlightLog.load(tmp_path / "flight.nc")
 
 
 # h5netcdf's own clean-up of what it could not open fails in its __del__.
@@ -392,20 +322,6 @@ def test_folder_in_the_way(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot write"):
         synthetic_log(3, ranges=False).to_netcdf(tmp_path / "flight.nc")
     assert list(tmp_path.iterdir()) == [tmp_path / "flight.nc"]
-
-
-def test_failure_to_write_leaves_the_old_file(tmp_path: Path) -> None:
-    path = tmp_path / "notes"
-    path.write_text("old")
-
-    def fail(temporary: Path) -> None:
-        temporary.write_text("half")
-        raise RuntimeError("no")
-
-    with pytest.raises(RuntimeError, match="no"):
-        write_whole(path, fail)
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
 
 
 KILLED_WRITER = """

@@ -114,10 +114,9 @@ def context_of(diagram: Diagram, context: Context) -> Context:
     return diagram.GetSubsystemByName("target").GetMyContextFromRoot(context)
 
 
-@pytest.mark.parametrize("plan", ["", "vector"])
-def test_controller_without_a_plan(plan: str, drawn: list[np.ndarray]) -> None:
+def test_controller_without_a_plan(drawn: list[np.ndarray]) -> None:
     meshcat = quiet_meshcat()
-    diagram, _ = flown(Silent(plan), meshcat, 2.5)
+    diagram, _ = flown(Silent("vector"), meshcat, 2.5)
     view = diagram.GetSubsystemByName("live_view")
     assert {view.get_input_port(i).get_name() for i in range(view.num_input_ports())} == {
         "position", "force", "ranges",
@@ -125,11 +124,6 @@ def test_controller_without_a_plan(plan: str, drawn: list[np.ndarray]) -> None:
     assert not drawn
     assert not meshcat.HasPath("/plan")
     assert meshcat.HasPath("/spacecraft")
-
-
-def test_plan_of_any_controller_that_has_one(drawn: list[np.ndarray]) -> None:
-    flown(Silent("abstract"), quiet_meshcat(), 1.5)
-    assert [positions[:, 0].tolist() for positions in drawn] == 2 * [[1e5, 2e5, 4e5]]
 
 
 def test_what_the_navigation_believes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from short_flights import kleopatra
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.meshcat.lidar_scene import plane_edges
-from proxops.diagrams.meshcat.notebook_view import show_body, show_flight, show_page
+from proxops.diagrams.meshcat.notebook_view import show_body, show_flight
 from proxops.systems import Lidar, LidarErrors
 
 POSITION = np.array([150e3, 40e3, 60e3])
@@ -33,12 +33,6 @@ def pages(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     module.HTML, module.display = str, display
     monkeypatch.setitem(sys.modules, "IPython.display", module)
     return shown
-
-
-def test_a_page_is_embedded_as_it_is(pages: list[str]) -> None:
-    page = "<p class=\"x\">a < b & 'c'</p>"
-    show_page(page)
-    assert pages == [page]
 
 
 def test_flight_is_the_replay(pages: list[str]) -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from contact_binary import contact_binary
 from meshcat_pages import known, points_told
 from pydrake.geometry import Meshcat
 from synthetic_log import synthetic_log
@@ -17,15 +16,11 @@ from proxops.diagrams.meshcat import replay
 from proxops.diagrams.meshcat.camera_views import viewpoints
 from proxops.diagrams.meshcat.meshcat_scene import (
     Scene,
-    add_body,
-    add_keep_out,
     add_returns,
     quiet_meshcat,
 )
 from proxops.diagrams.scenario import AssuranceConfig, dump_scenario
-from proxops.diagrams.scenario.body import Body, BodyConfig
 from proxops.systems.assurance import AssuranceBounds, InterventionReason
-from proxops.systems.shapes.polyhedron import Polyhedron
 
 
 @pytest.fixture(scope="module")
@@ -50,17 +45,6 @@ def scene(log: FlightLog, meshcat: Meshcat) -> Scene:
     return Scene(meshcat, log.body)
 
 
-def body_of_extent(extent: float) -> Body:
-    """A contact binary, its keep-out ellipsoid half its size again."""
-    mesh = contact_binary(extent, 2)
-    shape = Polyhedron(np.array(mesh.vertices), np.array(mesh.faces), "binary")
-    axes = [float(0.75 * extent)] * 3
-    config = BodyConfig(
-        name="binary", mass_kg=1e3 * shape.volume, rotation_period_h=9.0, keep_out_semi_axes_m=axes
-    )
-    return Body(config, shape.recentred())
-
-
 def test_page_needs_no_network(page: str) -> None:
     tags = re.findall(r"<(?:script|link|img|iframe|base|meta)\b[^>]*>", page)
     assert not [tag for tag in tags if re.search(r"https?:|//", tag)]
@@ -81,33 +65,6 @@ def test_panel_knows_the_flight(log: FlightLog, page: str) -> None:
     assert min(told["clearance"]) == pytest.approx(log.summary["min_clearance_m"], abs=50.0)
     decisions = data["decision"].values
     assert told["who"] == [*decisions[:-1], decisions[-2]]
-
-
-def test_strip_shows_each_stretch(page: str) -> None:
-    """200 s by the MPC, 400 s by the policy, of 4800 s, and so on."""
-    (strip,) = re.findall(r"linear-gradient\(to right, ([^)]*)\)", page)
-    pieces = [piece.split() for piece in strip.split(", ")]
-    assert len(pieces) == 16
-    assert [colour for colour, _, _ in pieces] == 8 * [pieces[0][0], pieces[1][0]]
-    ends = [float(end.rstrip("%")) for _, _, end in pieces]
-    np.testing.assert_allclose(
-        ends, sorted([*range(0, 48, 6), *range(2, 50, 6), 48])[1:] / np.array(0.48), atol=0.01
-    )
-
-
-def test_filter_has_a_colour_of_its_own(log: FlightLog, tmp_path: Path) -> None:
-    """The page marks where runtime assurance changed the command by more than 0.001 N."""
-    changes = np.zeros(len(log.dataset["time"]))
-    changes[100:140], changes[200:240] = 0.5, 0.0005
-    filtered = FlightLog(log.dataset.assign(intervention=("time", changes)), log.body)
-    replay.write_replay(filtered, tmp_path / "replay.html")
-    page = (tmp_path / "replay.html").read_text(encoding="utf-8")
-    told = known(page)
-    names = [told["names"][str(who)][0] for who in told["who"]]
-    assert set(names[100:140]) == {"safety filter"}
-    assert "safety filter" not in names[:100] + names[140:]
-    assert len({colour for _, colour in told["names"].values()}) == 3
-    assert "flown by safety filter" in page
 
 
 def test_filter_tells_margin_reason_and_bounds(log: FlightLog, tmp_path: Path) -> None:
@@ -170,19 +127,6 @@ def test_names_in_the_log_are_text_not_markup(tmp_path: Path) -> None:
     assert "&lt;script&gt;alert(1)" in page
 
 
-COLOURS = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
-
-
-def test_each_change_of_colour_begins_a_piece(scene: Scene) -> None:
-    positions = np.arange(2000)[:, None] * [300.0, 200.0, 0.0] + [0.0, 0.0, 1e5]
-    decisions = (np.arange(2000) // 77) % 3
-    colours = [COLOURS[code] for code in decisions.tolist()]
-    ends = {row for _, row in replay.add_path(scene, positions, colours)}
-    assert ends >= set(np.flatnonzero(np.diff(decisions)) + 1)
-    assert max(ends) == 1999
-    assert len(ends) <= replay.PATH_PIECES + 2000 // 77 + 1
-
-
 def test_tube_lies_about_its_points() -> None:
     turn = np.linspace(0.0, 2.0, 30)
     points = np.stack([np.cos(turn), np.sin(turn), 0.3 * turn], axis=1)
@@ -204,31 +148,3 @@ def test_returns_lie_on_the_body(log: FlightLog, scene: Scene) -> None:
         log.body.shape.normals,
     )
     assert np.abs(depth).min(axis=1).max() < 1.0  # each in the plane of some facet
-
-
-@pytest.mark.parametrize(
-    ("extent", "unit"),
-    [(218.9e3, 100e3), (500.0, 200.0), (1.0, 0.5)],
-)
-def test_unit_follows_from_the_body(meshcat: Meshcat, extent: float, unit: float) -> None:
-    scene = Scene(meshcat, body_of_extent(extent))
-    assert scene.unit == unit
-    add_body(scene)
-    add_keep_out(scene)
-    vertices = points_told(meshcat, "/body")
-    np.testing.assert_allclose(np.ptp(vertices[:, 0]), extent / unit, rtol=1e-5)
-    keep_out = points_told(meshcat, "/keep_out/surface")
-    np.testing.assert_allclose(np.abs(keep_out).max(), 0.75 * extent / unit, rtol=1e-5)
-
-
-def test_a_second_flight_replaces_the_first(meshcat: Meshcat) -> None:
-    replay.add_flight(meshcat, synthetic_log(100, ranges=False))
-    replay.add_flight(meshcat, synthetic_log(3, ranges=False))
-    assert meshcat.HasPath("/path/piece_000")
-    assert not meshcat.HasPath("/path/piece_050")
-
-
-@pytest.mark.parametrize("steps", [0, 1, 2])
-def test_flights_that_end_at_once(tmp_path: Path, steps: int) -> None:
-    replay.write_replay(synthetic_log(steps), tmp_path / "replay.html")
-    assert (tmp_path / "replay.html").stat().st_size > 2e6

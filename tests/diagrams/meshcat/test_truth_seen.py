@@ -21,7 +21,6 @@ from proxops.diagrams.meshcat.meshcat_scene import quiet_meshcat
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
 from proxops.diagrams.plots import draw_body, plot_truth
 from proxops.diagrams.plots.outlines import outline
-from proxops.diagrams.scenario import differing_values, make_true_body, spin_axes
 from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.polyhedron import Polyhedron
 
@@ -57,11 +56,6 @@ def drawn(ax: Axes, number: int) -> np.ndarray:
     return np.array(ax.lines[number].get_xydata())
 
 
-def distances_from_axis(points: np.ndarray, log: FlightLog) -> np.ndarray:
-    along = log.true_body.spin / np.linalg.norm(log.true_body.spin)
-    return np.linalg.norm(np.cross(points - log.true_body.axis_point, along), axis=1)
-
-
 # --- in three dimensions --------------------------------------------------------------------------
 
 
@@ -71,19 +65,6 @@ def test_the_true_body_is_solid_and_the_map_is_a_net(log: FlightLog, meshcat: Me
     np.testing.assert_allclose(solid, 1.02 * kleopatra().shape.vertices, atol=0.1)
     net = np.unique((UNIT * points_told(meshcat, "/map")).round(), axis=0)
     np.testing.assert_allclose(net, np.unique(kleopatra().shape.vertices.round(), axis=0), atol=1.0)
-
-
-def test_both_axes_are_lines(log: FlightLog, meshcat: Meshcat) -> None:
-    add_flight(meshcat, log)
-    believed, true = (
-        UNIT * points_told(meshcat, f"/spin_axis/{name}") for name in ("believed", "true")
-    )
-    assert not believed[:, :2].any()
-    assert distances_from_axis(true, log).max() < 0.1
-    assert distances_from_axis(believed, log).min() > 1e3
-    # They stick out of the body.
-    for line in (believed, true):
-        assert abs(line[:, 2]).min() > abs(kleopatra().shape.vertices[:, 2]).max()
 
 
 # --- on the page ----------------------------------------------------------------------------------
@@ -110,27 +91,12 @@ def test_panel_lists_what_differs(log: FlightLog, tmp_path: Path) -> None:
         assert text in legend
 
 
-@pytest.mark.parametrize("damage", ["facets", "vertices"])
-def test_damaged_true_mesh_is_refused_as_the_log_is_read(
-    log: FlightLog, tmp_path: Path, damage: str
-) -> None:
-    data = log.dataset.drop_vars("true_facets")
-    if damage == "vertices":
-        data = log.dataset.copy(deep=True)
-        data["true_vertices"][7, 1] = np.nan
+def test_damaged_true_mesh_is_refused_as_the_log_is_read(log: FlightLog, tmp_path: Path) -> None:
+    data = log.dataset.copy(deep=True)
+    data["true_vertices"][7, 1] = np.nan
     FlightLog(data, log.body).to_netcdf(tmp_path / "flight.nc")
-    with pytest.raises(InputError, match=r"flight\.nc is damaged: .*(true_facets|vertex 7)"):
+    with pytest.raises(InputError, match=r"flight\.nc is damaged: .*vertex 7"):
         FlightLog.load(tmp_path / "flight.nc")
-
-
-def test_a_world_as_believed_differs_in_nothing() -> None:
-    scenario = short_scenario(disturbance={}, lidar__noise_std_m=20.0)
-    assert differing_values(scenario) == {}
-    assert differing_values(short_scenario(truth__surface_correlation_m=30.0)) == {}
-    rough = short_scenario(truth__surface_correlation_m=30.0, truth__surface_rms_m=2.0)
-    assert [*differing_values(rough)] == ["truth.surface_rms_m", "truth.surface_correlation_m"]
-    true_body = make_true_body(kleopatra(), scenario.truth)
-    assert spin_axes(kleopatra(), true_body) is None
 
 
 # --- on paper -------------------------------------------------------------------------------------

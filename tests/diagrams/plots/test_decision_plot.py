@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
-from matplotlib.patches import StepPatch
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.logs.legend import REASONS
 from proxops.diagrams.plots.decision_plot import plot_decisions
 from proxops.diagrams.scenario import AssuranceConfig, TrueStateConfig, dump_scenario
 from proxops.systems.assurance import AssuranceBounds, InterventionReason
@@ -52,19 +50,3 @@ def test_checks_and_their_limits(log: FlightLog) -> None:
     assert to_rgb(agree.get_color()) != to_rgb(differ.get_color())
     np.testing.assert_allclose(np.asarray(angle.lines[0].get_ydata()), np.arange(10))
     assert angle.lines[2].get_ydata() == [10.0, 10.0]
-
-
-def test_changes_of_the_command(log: FlightLog) -> None:
-    steps: Any
-    (steps,) = (each for each in plot_decisions(log).axes[3].patches if isinstance(each, StepPatch))
-    np.testing.assert_array_equal(steps.get_data().values, log.dataset["intervention"].values[:-1])
-
-
-def test_margins_and_reasons(log: FlightLog) -> None:
-    figure = plot_decisions(log)
-    (keep_out,) = figure.axes[3].lines
-    assert len(np.asarray(keep_out.get_xdata())) == 120
-    assert str(keep_out.get_label()) == f"{REASONS[InterventionReason.KEEP_OUT].name} (120 steps)"
-    assert figure.axes[4].get_title(loc="left") == "it allows for: gravity 0.11, surface 500 m"
-    lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in figure.axes[4].lines}
-    np.testing.assert_allclose(lines["margin"], (2e3 - 50.0 * np.arange(481)) / 1e3)

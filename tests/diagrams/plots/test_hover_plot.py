@@ -32,9 +32,3 @@ def test_limit_is_where_the_force_is(plane: str) -> None:
     assert np.abs(line).max() <= 170.0
     assert max(filled.levels) == 7.0
     assert not body.gravity_field.evaluate(points).inside.any()
-
-
-def test_no_limit_where_all_can_be_held() -> None:
-    ax = Figure().subplots()
-    draw_hover(ax, kleopatra(), load_scenario(None, ["spacecraft.mass_kg=10"]), count=41)
-    assert len(contours(ax)) == 1

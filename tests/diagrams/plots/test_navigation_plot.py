@@ -1,11 +1,12 @@
 """The plot of the navigation shows its errors, what it knew of them, and what it did."""
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from known_navigation import ACQUIRING, AXES, DEVIATIONS, ERROR, LOST, TURN, navigated_log
+from known_navigation import ACQUIRING, AXES, DEVIATIONS, ERROR, TURN, navigated_log
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from synthetic_log import synthetic_log
@@ -46,23 +47,6 @@ def test_errors_and_what_it_knew_of_them(figure: Figure) -> None:
             np.testing.assert_allclose(limit[after], 3.0 * deviations[axis], rtol=1e-9)
 
 
-def test_returns_and_phases(figure: Figure) -> None:
-    phase, returns = figure.axes[0], figure.axes[4]
-    np.testing.assert_array_equal(values(returns, 0), np.arange(101))
-    np.testing.assert_array_equal(values(returns, 1), np.arange(101) % 3)
-    lost = phase.collections[2]
-    corners = np.concatenate([path.vertices for path in lost.get_paths()])
-    assert corners[:, 0].min() == pytest.approx(LOST.start / 6.0)
-    assert corners[:, 0].max() == pytest.approx(LOST.stop / 6.0)
-    named = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {"acquiring", "following", "lost", "three standard deviations"} < named
-
-
-def test_a_flight_without_a_navigation_is_refused() -> None:
-    with pytest.raises(InputError, match="has no navigation"):
-        plot_navigation(synthetic_log(3, ranges=False))
-
-
 def with_frames(log: FlightLog, delay: int = 0, map_path: Path | None = None) -> FlightLog:
     """A log whose navigation knew the truth; its noiseless frames arrive some rows late."""
     data, rows = log.dataset, log.dataset.sizes["time"]
@@ -93,12 +77,6 @@ def test_a_late_frame_beside_what_was_believed_when_it_was_measured(row: int) ->
     taken = row % 4 - 2
     title = f"frame at {10 * taken} s, received at {10 * (row % 4)} s"
     assert shown.axes[0].get_title() == title
-
-
-@pytest.mark.parametrize("row", [0, 1, -3])
-def test_a_frame_from_before_the_log_is_refused(row: int) -> None:
-    with pytest.raises(InputError, match=r"2 rows old .*: it was measured before the log begins"):
-        plot_frame(with_frames(synthetic_log(3), delay=2), row)
 
 
 def test_the_prediction_is_that_of_the_navigation_s_map(tmp_path: Path) -> None:
@@ -139,10 +117,21 @@ def test_a_frame_beside_what_the_map_predicts() -> None:
     np.testing.assert_allclose(np.asarray(rejected.get_xdata()), [5, 9])
     np.testing.assert_allclose(values(shown.axes[1], 1), 20e3, atol=1.0)
     assert len(np.asarray(used.get_xdata())) == count - 2
-    with pytest.raises(InputError, match="there is no row 4"):
-        plot_frame(log, 4)
-    with pytest.raises(InputError, match="does not say what became"):
-        plot_frame(plain, 2)
     columns["navigation_state"] = (("time", "component"), np.full((4, 6), np.nan))
     with pytest.raises(InputError, match="has no state"):
         plot_frame(FlightLog(plain.dataset.assign(columns), plain.body), 2)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda log: plot_navigation(log), "has no navigation"),
+        (lambda log: plot_frame(log, 2), "does not say what became"),
+        (lambda log: plot_frame(with_frames(log, delay=2), 4), "there is no row 4"),
+        (lambda log: plot_frame(with_frames(log, delay=2), 1), r"it was measured before the log"),
+        (lambda log: plot_frame(with_frames(log, delay=2), -3), r"it was measured before the log"),
+    ],
+)
+def test_refusals(call: Callable[[FlightLog], object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        call(synthetic_log(3))

@@ -5,15 +5,14 @@ import io
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse, StepPatch
+from matplotlib.patches import StepPatch
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.logs.legend import legend_of
 from proxops.diagrams.plots import flight_plot, plot_flight, plot_ranges
-from proxops.systems.shapes.ellipsoid import clearances
 
 
 @pytest.fixture(scope="module")
@@ -75,30 +74,6 @@ def test_path(log: FlightLog, ax: Axes, plane: str, axes: list[int]) -> None:
     assert y[0] < expected[:, 1].min() < expected[:, 1].max() < y[1]
 
 
-@pytest.mark.parametrize(("plane", "axes"), [("xy", [0, 1]), ("xz", [0, 2])])
-def test_body_and_ellipsoid(log: FlightLog, ax: Axes, plane: str, axes: list[int]) -> None:
-    flight_plot.draw_body(ax, log.body, plane)
-    [silhouette] = only(PolyCollection, list(ax.collections))
-    corners = np.concatenate([path.vertices for path in silhouette.get_paths()])
-    np.testing.assert_allclose(np.ptp(corners, axis=0), log.body.shape.extents[axes] / 1e3)
-    [outline] = only(Ellipse, list(ax.patches))
-    assert [outline.width, outline.height] == pytest.approx(
-        2.0 * log.body.keep_out_semi_axes[axes] / 1e3
-    )
-
-
-def test_clearance(log: FlightLog, ax: Axes) -> None:
-    flight_plot.plot_clearance(ax, log)
-    minutes, shown = curve(ax, 0)
-    positions = log.dataset["state"].values[:, :3]
-    at_rows = np.interp(log.dataset["time"].values / 60.0, minutes, shown)
-    expected = clearances(log.body.keep_out_semi_axes, positions) / 1e3
-    np.testing.assert_allclose(at_rows, expected, atol=1e-3)
-    assert shown.min() == pytest.approx(log.summary["min_clearance_m"] / 1e3)
-    flight_plot.plot_clearance(ax, log, label="mine", color="tab:red")
-    assert [line.get_color() for line in ax.lines if line.get_label() == "mine"] == ["tab:red"]
-
-
 @pytest.mark.parametrize(("axis", "index"), [("x", 0), ("y", 1), ("z", 2)])
 def test_force(log: FlightLog, ax: Axes, axis: str, index: int) -> None:
     flight_plot.plot_force(ax, log, axis)
@@ -109,15 +84,6 @@ def test_force(log: FlightLog, ax: Axes, axis: str, index: int) -> None:
     limits = {float(curve(ax, number)[1][0]) for number in range(len(ax.lines))}
     assert {-7.0, 7.0} <= limits
     assert axis in ax.get_ylabel()
-
-
-def test_delayed_force_is_drawn_when_it_acts(log: FlightLog, ax: Axes) -> None:
-    late = FlightLog(log.dataset.assign_attrs(force_delay_s=4.0), log.body)
-    flight_plot.plot_force(ax, late, "x")
-    [steps] = only(StepPatch, list(ax.patches))
-    times = log.dataset["time"].values
-    np.testing.assert_allclose(steps.get_data().edges[:-1], (times[:-1] + 4.0) / 60.0)
-    assert steps.get_data().edges[-1] == times[-1] / 60.0
 
 
 def test_ranges(log: FlightLog, ax: Axes) -> None:

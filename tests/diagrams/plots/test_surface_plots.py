@@ -56,14 +56,6 @@ def test_surface_shows_the_facets_that_face_the_viewer(
     assert ax.get_aspect() == 1.0
 
 
-def test_views_are_not_mirrored() -> None:
-    """Right, up and towards the viewer are right-handed."""
-    for view, (right, up) in surface_plots.VIEWS.items():
-        axes = [np.eye(3)["xyz".index(a[1])] * (1 if a[0] == "+" else -1) for a in (right, up)]
-        towards = np.eye(3)["xyz".index(view[1])] * (1 if view[0] == "+" else -1)
-        assert np.cross(*axes) @ towards == 1.0
-
-
 def test_plane_cut_marks_the_equilibria_in_it(field: GravityField, ax: Axes) -> None:
     equilibria = find_equilibria(field, SPIN)
     cut = plane_cut(field, SPIN, 160e3, "xz", 61)

@@ -1,6 +1,5 @@
 """What the navigation is told of its own errors: as given, as the dispersions say, or as usual."""
 
-import copy
 import dataclasses as dc
 import math
 from pathlib import Path
@@ -8,16 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scripts import load_script
-from short_flights import kleopatra, write_blob
+from short_flights import kleopatra
 
 from proxops.diagrams.scenario import (
     LidarNavigationConfig,
-    Scenario,
     TrueStateConfig,
     believed,
     draw_world,
     filter_tuning,
-    load_body,
     load_dispersions,
     load_scenario,
     of_transit,
@@ -48,9 +45,6 @@ def told(folder: Path, text: str, *changes: str) -> ExpectedErrors:
     return filter_tuning(believed(draw_world(scenario, kleopatra())), kleopatra())
 
 
-# --- the keys -------------------------------------------------------------------------------------
-
-
 def test_the_two_kinds_of_navigation() -> None:
     assert load_scenario(None, [LIDAR]).navigation == LidarNavigationConfig()
     assert load_scenario(None, ["navigation=!TrueState {}"]).navigation == TrueStateConfig()
@@ -77,13 +71,6 @@ def test_usual_errors_are_the_defaults_at_kleopatra() -> None:
     assert found == pytest.approx(dc.asdict(ExpectedErrors()), rel=1e-5)
 
 
-def test_usual_errors_are_in_proportion(tmp_path: Path) -> None:
-    body = load_body(write_blob(tmp_path))  # 220 km long.
-    found = filter_tuning(load_scenario(None, [LIDAR]), body)
-    longest = float(np.ptp(body.shape.vertices, axis=0).max())
-    assert found.surface_correlation_m == pytest.approx(15e3 * longest / 218.864e3)
-
-
 def test_what_is_given_is_told_as_it_is() -> None:
     given = "{attitude_deg: 2.0, pole_deg: 1.0, acceleration_m_s2: 3.0e-4, beam_width_rad: 0.002}"
     scenario = load_scenario(None, [f"navigation.expected={given}", "dispersions=before_survey"])
@@ -104,13 +91,6 @@ def test_the_dispersions_are_told_and_never_the_draw(name: str) -> None:
     assert first == filter_tuning(believed(worlds[1]), kleopatra())
     # And the scenario that was drawn from is as before.
     assert scenario.navigation == LidarNavigationConfig()
-
-
-def test_a_spread_has_no_sign(tmp_path: Path) -> None:
-    """It is in proportion to the size of the scenario's own value, which is below zero here."""
-    text = "truth.lidar.bias_m: {normal: 1.0, three_sigma: 0.3, times: value}\n"
-    found = [told(tmp_path, text, f"truth.lidar.bias_m={bias}") for bias in (-5.0, 5.0)]
-    assert found[0].lidar_bias_m == found[1].lidar_bias_m > 4.9
 
 
 def test_numbers_of_before_survey() -> None:
@@ -171,22 +151,6 @@ def test_large_errors_of_attitude_add_up_within_limits(tmp_path: Path) -> None:
         told(tmp_path, text)
 
 
-def test_thrust_has_the_mass_in_it(tmp_path: Path) -> None:
-    text = "truth.mass: {normal: 1.0, three_sigma: 0.09}\n"
-    assert told(tmp_path, text).thrust == pytest.approx(0.03)
-    text += "truth.thrusters.scale: {normal: 1.0, three_sigma: 0.12}\n"
-    assert told(tmp_path, text).thrust == pytest.approx(0.05)
-
-
-def test_use_of_propellant_is_told(tmp_path: Path) -> None:
-    text = "truth.mass: {normal: 1.0, three_sigma: 0.09}\n"
-    assert told(tmp_path, text).propellant_s_per_m == 0.0
-    burning = told(tmp_path, text, "truth.specific_impulse_s=220.0").propellant_s_per_m
-    assert burning == pytest.approx(1.0 / (9.80665 * 220.0))
-    drawn = told(tmp_path, "truth.specific_impulse_s: 300.0\n").propellant_s_per_m
-    assert drawn == pytest.approx(1.0 / (9.80665 * 300.0))
-
-
 def test_what_disturbs_the_command_is_an_acceleration_that_varies(tmp_path: Path) -> None:
     """By hand: Gauss-Markov processes add up in variance, and in variance times correlation."""
     noise = ["force_noise={std_n: 0.5, correlation_time_s: 60}"]
@@ -225,13 +189,6 @@ def test_a_world_of_its_own_is_not_told(tmp_path: Path) -> None:
     scenario = load_scenario(None, [LIDAR, "truth.gravity=1.3", "truth.surface_rms_m=400.0"])
     same = filter_tuning(load_scenario(None, [LIDAR]), kleopatra())
     assert filter_tuning(draw_world(scenario, kleopatra()), kleopatra()) == same
-
-
-def test_the_true_state_is_told_nothing() -> None:
-    scenario: Scenario = load_scenario(None, ["navigation=!TrueState {}"])
-    scenario.dispersions = "after_survey"
-    world = draw_world(copy.deepcopy(scenario), kleopatra())
-    assert world.navigation == TrueStateConfig()
 
 
 # --- root mean squares ----------------------------------------------------------------------------

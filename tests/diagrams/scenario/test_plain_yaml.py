@@ -1,22 +1,16 @@
 """Values in YAML: the core schema of YAML 1.2, and what older readers find in what is written."""
 
-import dataclasses as dc
 import math
-from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.common.yaml import yaml_dump_typed, yaml_load
 
 from proxops.diagrams.scenario import (
-    BodyConfig,
     Scenario,
     dump_scenario,
-    dump_typed,
     load_scenario,
-    load_typed,
-    parse_mapping,
     parse_scenario,
 )
 from proxops.diagrams.scenario.plain_yaml import read_yaml, write_yaml
@@ -44,11 +38,6 @@ def test_the_core_schema(text: str) -> None:
     assert type(found) is type(CORE[text])
 
 
-def test_not_a_number() -> None:
-    found = read_yaml("[.nan, .NaN, .NAN]", "it")
-    assert all(math.isnan(each) for each in found)
-
-
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
@@ -73,13 +62,6 @@ def test_what_is_refused(text: str, complaint: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_tags_of_mappings_are_kept() -> None:
-    text = "a: !Known {b: !!map {c: !Inner {}}}"
-    tree = {"a": {"_tag": "!Known", "b": {"c": {"_tag": "!Inner"}}}}
-    assert read_yaml(text, "it") == tree
-    assert read_yaml(write_yaml(tree), "it") == tree
-
-
 # Texts that one of the versions takes for something else come by chance too seldom.
 texts = st.one_of(
     st.text(st.characters(exclude_categories=["Cs"])),
@@ -100,27 +82,12 @@ def same(one: object, other: object) -> bool:
     return repr(one) == repr(other)
 
 
+@settings(max_examples=40)
 @given(tree=trees)
 def test_all_readers_find_what_was_written(tree: object) -> None:
     text = write_yaml({"value": tree})
     assert same(read_yaml(text, "it"), {"value": tree})
     assert same(yaml_load(data=text, private=True), {"value": tree})
-
-
-def test_no_aliases_are_written() -> None:
-    point = [1.0, 2.0]
-    tree = {"start": point, "goal": point}
-    assert read_yaml(write_yaml(tree), "it") == tree
-
-
-printable = texts.filter(lambda text: text.isprintable() and "\0" not in text)
-
-
-@given(name=printable, mass=st.floats(), axes=st.lists(st.floats()))
-def test_a_body_is_read_as_it_was_written(name: str, mass: float, axes: list[float]) -> None:
-    body = BodyConfig(name, name, "km", mass, 1e22, axes)
-    read = load_typed(BodyConfig, parse_mapping(dump_typed(body), "it"), "it")
-    assert same(dc.asdict(read), dc.asdict(body))
 
 
 @pytest.mark.parametrize("name", ["Rock", "433", "1e3", "0o17", "5:23", "yes", "a: b"])
@@ -135,17 +102,3 @@ def test_a_scenario_is_read_as_it_was_written(name: str) -> None:
         assert parse_scenario(str(before)) == scenario
     if name == "Rock":
         assert before == dump_scenario(scenario)
-
-
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32", "latin-1"])
-@pytest.mark.parametrize("ending", ["\n", "\r\n", "\r"])
-def test_files_of_all_editors(tmp_path: Path, encoding: str, ending: str) -> None:
-    path = tmp_path / "scenario.yaml"
-    text = "# größer\nspacecraft:\n  mass_kg: 1e3\n".replace("\n", ending)
-    path.write_bytes(text.encode(encoding))
-    assert load_scenario(path).spacecraft.mass_kg == 1000.0
-
-
-@pytest.mark.parametrize(("value", "number"), [("010", 10), ("0o10", 8), ("0x10", 16), ("008", 8)])
-def test_numbers_in_changes(value: str, number: int) -> None:
-    assert load_scenario(None, [f"transit.index={value}"]).transit.index == number

@@ -85,15 +85,6 @@ def test_what_is_dispersed_tunes_the_filter(quantity: Quantity, tmp_path: Path) 
     assert changed == {quantity.tunes} - ({"attitude_deg"} if not changed else set())
 
 
-def test_a_great_attitude_error_tunes_the_filter(tmp_path: Path) -> None:
-    path = tmp_path / "turned.yaml"
-    path.write_text("truth.phase_deg: {normal: 0.0, three_sigma: 9.0}\n")
-    scenario = load_scenario(
-        None, {"dispersions": str(path), "truth.attitude.constant_deg": [0, 0, 0]}
-    )
-    assert told(World.of(scenario, kleopatra())).attitude_deg > 2.9
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("quantity", QUANTITIES, ids=lambda each: each.key)
 def test_what_is_dispersed_is_bounded_or_refused(quantity: Quantity, tmp_path: Path) -> None:

@@ -6,107 +6,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from plain_polyhedral_gravity import star_shaped
 
-from proxops.diagrams.scenario.body import BodyConfig, load_body
+from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import (
     change_scenario,
     dump_scenario,
     load_scenario,
     parse_scenario,
-    read_mapping,
 )
-from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import (
     Scenario,
     TransitConfig,
-    TrueStateConfig,
-    TruthConfig,
 )
-from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.common.errors import InputError
-from proxops.systems.expert import MpcConfig
-from proxops.systems.lidar import LearnedLidarConfig, LidarConfig
-from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig
-from proxops.systems.policy import PolicyConfig
 from proxops.systems.vehicle import (
-    ArrivalConfig,
-    ForceNoiseConfig,
-    KicksConfig,
-    PointMassConfig,
     RandomWalkDisturbanceConfig,
-    TrueThrustersConfig,
+    PointMassConfig,
 )
-
-positive = st.floats(0.5, 1e3)
-not_negative = st.floats(0.0, 1e3)
-points = st.lists(st.floats(-1e9, 1e9), min_size=3, max_size=3)
-
-
-@st.composite
-def scenarios(draw: st.DrawFn) -> Scenario:
-    ends = draw(st.none() | st.tuples(points, points))
-    near, far = sorted(draw(st.lists(positive, min_size=2, max_size=2, unique=True)))
-    disturbance = st.builds(RandomWalkDisturbanceConfig, positive, not_negative, not_negative)
-    expected = st.builds(ExpectedErrors, attitude_deg=st.floats(0.0, 11.0), gravity=positive)
-    bounds = st.builds(AssuranceBounds, surface_m=not_negative)
-    bounds = st.none() | st.just("after_survey") | bounds
-    assurance = draw(st.none() | st.builds(AssuranceConfig, bounds, not_negative))
-    return Scenario(
-        body=draw(st.text(st.characters(categories=["L", "N", "P", "Zs"]), min_size=1)),
-        spacecraft=draw(st.builds(PointMassConfig, positive, positive, positive)),
-        lidar=draw(
-            st.builds(LidarConfig, not_negative, positive)
-            | st.builds(LearnedLidarConfig, st.text(min_size=1, max_size=9).map(repr), not_negative)
-        ),
-        navigation=draw(
-            st.builds(
-                LidarNavigationConfig,
-                st.none() | expected,
-                frame_delay_steps=st.integers(0, 1000),
-            )
-            | st.builds(TrueStateConfig)
-        ),
-        mpc=draw(
-            st.builds(
-                MpcConfig,
-                st.integers(2, 500),
-                positive,
-                positive,
-                not_negative,
-                positive,
-                not_negative,
-                st.booleans(),
-                # Runtime assurance is refused with the MPC's estimator.
-                st.floats(0.0, 1.0) if assurance is None else st.just(0.0),
-                st.integers(1, 1000),
-            )
-        ),
-        truth=TruthConfig(
-            gravity=draw(positive),
-            mass=draw(positive),
-            thrusters=TrueThrustersConfig(scale=[draw(positive) for _ in range(3)]),
-            specific_impulse_s=draw(st.none() | positive),
-        ),
-        assurance=assurance,
-        disturbance=draw(st.none() | disturbance),
-        transit=TransitConfig(
-            seed=draw(st.integers(0, 2**63 - 1)),
-            index=draw(st.integers(0, 10**9)),
-            start_m=ends and ends[0],
-            goal_m=ends and ends[1],
-            cube_m=draw(positive),
-            min_distance_m=near,
-            max_distance_m=far,
-            end_clearance_m=draw(not_negative),
-            max_hover_share=draw(positive),
-        ),
-        arrival=draw(st.builds(ArrivalConfig, positive, positive, positive, positive)),
-        control_period_s=draw(positive),
-        noise_seed=draw(st.integers(0, 2**63 - 1)),
-    )
 
 
 def write(folder: Path, text: str | bytes, name: str = "scenario.yaml") -> Path:
@@ -116,71 +33,6 @@ def write(folder: Path, text: str | bytes, name: str = "scenario.yaml") -> Path:
 
 
 # --- what is read ---------------------------------------------------------------------------------
-
-
-@settings(max_examples=25)
-@given(scenarios())
-def test_round_trip(scenario: Scenario) -> None:
-    check_scenario(scenario)
-    text = dump_scenario(scenario)
-    assert parse_scenario(text) == scenario
-    assert dump_scenario(parse_scenario(text)) == text
-
-
-def test_defaults() -> None:
-    assert load_scenario() == Scenario()
-    assert load_scenario().spacecraft is not load_scenario().spacecraft
-
-
-def test_dump_holds_every_key_and_loads_from_a_file(tmp_path: Path) -> None:
-    ends = TransitConfig(
-        start_m=[1.0, 2.0, 3.0], goal_m=[4.0, 5.0, 6.0], start_velocity_m_s=[7.0, 8.0, 9.0]
-    )
-    scenario = Scenario(
-        assurance=AssuranceConfig(),
-        disturbance=RandomWalkDisturbanceConfig(),
-        force_noise=ForceNoiseConfig(),
-        kicks=KicksConfig(),
-        policy=PolicyConfig("/somewhere/policy"),
-        navigation=LidarNavigationConfig(ExpectedErrors(), map="/somewhere/map.obj"),
-        truth=TruthConfig(mesh="/somewhere/mesh.obj", specific_impulse_s=220.0),
-        dispersions="after_survey",
-        transit=ends,
-    )
-    text = dump_scenario(scenario)
-    for section in dc.fields(Scenario):
-        assert f"{section.name}:" in text
-        value = getattr(scenario, section.name)
-        if dc.is_dataclass(value):
-            for field in dc.fields(value):
-                assert f"{field.name}:" in text
-    assert load_scenario(write(tmp_path, text)) == scenario
-
-
-def test_file_over_defaults(tmp_path: Path) -> None:
-    path = write(tmp_path, "spacecraft: {mass_kg: 1e3}\nmpc:\n  intervals: 12  # fewer\n")
-    expected = Scenario()
-    expected.spacecraft.mass_kg = 1000.0
-    expected.mpc.intervals = 12
-    assert load_scenario(path) == expected
-    assert load_scenario(str(path)) == expected
-
-
-@pytest.mark.parametrize(
-    "text", ["disturbance: {}", "disturbance: !RandomWalkDisturbanceConfig {}", "!Scenario\n"]
-)
-def test_tag_that_says_what_is_known(tmp_path: Path, text: str) -> None:
-    scenario = load_scenario(write(tmp_path, text + "\ncontrol_period_s: 5"))
-    assert scenario.control_period_s == 5.0
-    if "disturbance" in text:
-        assert scenario.disturbance == RandomWalkDisturbanceConfig()
-
-
-def test_body_path_is_relative_to_the_file(tmp_path: Path) -> None:
-    (tmp_path / "sub").mkdir()
-    path = write(tmp_path / "sub", "body: ../rock.yaml")
-    assert load_scenario(path).body == str((tmp_path / "rock.yaml").resolve())
-    assert load_scenario(write(tmp_path, "body: kleopatra")).body == "kleopatra"
 
 
 # A path by each key that takes one, and whether the key takes names as well.
@@ -218,31 +70,6 @@ def test_relative_paths_become_absolute(
         assert at(load_scenario(None, {key: "kleopatra"}), key) == "kleopatra"
 
 
-def test_a_learned_lidar_s_path_becomes_absolute(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    given: dict[str, object] = {"_tag": "!LearnedLidar", "bundle": "lidar"}
-    for scenario in (
-        load_scenario(None, {"lidar": given}),
-        change_scenario(Scenario(), {"lidar": given}),
-    ):
-        assert scenario.lidar == LearnedLidarConfig(str(tmp_path / "lidar"))
-    assert given["bundle"] == "lidar"
-
-
-@pytest.mark.parametrize("key", ["policy.bundle", "assurance.bounds"])
-def test_no_path_stays_none(key: str, tmp_path: Path) -> None:
-    """It would become that of the folder."""
-    section, last = key.split(".")
-    for read in (
-        lambda: load_scenario(None, {key: ""}),
-        lambda: load_scenario(write(tmp_path, f"{section}: {{{last}: ''}}")),
-    ):
-        with pytest.raises(InputError, match=rf"{key} must name .*, or be null"):
-            read()
-
-
 @pytest.mark.parametrize(
     "overrides",
     [
@@ -263,59 +90,65 @@ def test_overrides(tmp_path: Path, overrides) -> None:
     assert load_scenario(path, overrides) == expected
 
 
-def test_more_overrides() -> None:
-    ends = load_scenario(None, ["transit.start_m=[1, 2, 3]", "transit.goal_m=[4, 5.5, 6e3]"])
-    assert ends.transit.start_m == [1.0, 2.0, 3.0]
-    assert ends.transit.goal_m == [4.0, 5.5, 6000.0]
-    places = {"transit.start_m": np.arange(1, 4), "transit.goal_m": np.array([4.0, 5.5, 6e3])}
-    assert load_scenario(None, places) == ends
-    assert load_scenario(None, ["noise_seed=3", "noise_seed=4"]).noise_seed == 4
-    assert load_scenario(None, "noise_seed=3").noise_seed == 3
-    assert load_scenario(None, ["disturbance={}", "disturbance=null"]).disturbance is None
-
-
 # --- what is refused ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        ("", "is empty"),
         ("# only a comment\n", "is empty"),
         ("- a\n- b\n", "holds a list"),
-        ("a: [1", "is not YAML.*line 1"),
-        ("7: 3", "the key 7 is no text"),
         ("x: !!python/object/apply:os.getcwd []", "is not YAML"),
         (bytes(range(256)), "is not a text file"),
-        (b"\x01\x02\xff", "is not YAML"),
     ],
 )
 def test_files_that_hold_no_scenario(tmp_path: Path, content: str | bytes, complaint: str) -> None:
-    path = write(tmp_path, content)
     with pytest.raises(InputError, match=rf"scenario\.yaml.*{complaint}"):
-        load_scenario(path)
-    with pytest.raises(InputError, match=complaint):
-        read_mapping(path)
-    if isinstance(content, str):
-        with pytest.raises(InputError, match=f"^log.*{complaint}"):
-            parse_scenario(content, "log")
+        load_scenario(write(tmp_path, content))
 
 
 def test_directory_and_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a directory"):
         load_scenario(tmp_path)
-    for path in (tmp_path / "absent.yaml", write(tmp_path, "a: 1") / "below"):
-        with pytest.raises(InputError, match="cannot be read"):
-            load_scenario(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        load_scenario(tmp_path / "absent.yaml")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "complaint"),
+    [
+        ("spacecraft.mass_kg=heavy", "spacecraft.mass_kg needs a number, got 'heavy'"),
+        ("spacecraft.mass_kg=true", "spacecraft.mass_kg needs a number, got True"),
+        ("spacecraft=3", "spacecraft needs `key: value` lines, got 3"),
+        ("disturbance=!Earthquake {}", "disturbance cannot be !Earthquake"),
+        ("mpc.intervals=3.5", "mpc.intervals needs a whole number, got 3.5"),
+        ("body=3", "body needs a text, got 3"),
+        ("transit.start_m=[1, 2, x]", "transit.start_m needs a list, each a number"),
+        ("noise_seed", r"not of the form key\.subkey=value"),
+        (" = 3", r"not of the form key\.subkey=value"),
+        ({"policy.bundle": ""}, r"policy\.bundle must name .*, or be null"),
+        ({"assurance.bounds": ""}, r"assurance\.bounds must name .*, or be null"),
+        ("noise_seed=-1", "noise_seed must not be negative"),
+        ("mpc.intervals=1", "mpc.intervals must be at least 2"),
+        # Values that do not fit each other.
+        ("transit.min_distance_m=2e5", "transit.min_distance_m must be below"),
+        ("transit.start_m=[1, 2, 3]", "transit needs both start_m and goal_m, or neither"),
+        (["transit.start_m=[1, 2, .nan]", "transit.goal_m=[1, 2, 3]"], "start_m must be three"),
+        ("kicks.mean_interval_s=5", "kicks.mean_interval_s must be at least control_period_s"),
+        ("transit.start_velocity_m_s=[1, 2, 41]", "within spacecraft.speed_limit_m_s"),
+        (["mpc.estimator_gain=0.1", "assurance={}"], "leave out assurance or the estimator"),
+    ],
+)
+def test_values_refused(overrides, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        load_scenario(None, overrides)
 
 
 @pytest.mark.parametrize(
     ("key", "nearest"),
     [
         ("control_period", "control_period_s"),
-        ("Mpc", "mpc"),
         ("spacecraft.mass", "mass_kg"),
-        ("disturbance.reset_period", "reset_period_s"),
         ("spacecraft.", "mass_kg|thrust_limit_n|speed_limit_m_s"),
     ],
 )
@@ -327,53 +160,6 @@ def test_unknown_key_gives_the_nearest(tmp_path: Path, key: str, nearest: str) -
     text = f"{section[0]}: {{'{last}': 3}}" if section else f"{last}: 3"
     with pytest.raises(InputError, match=r"scenario\.yaml: " + expected):
         load_scenario(write(tmp_path, text))
-
-
-@pytest.mark.parametrize(
-    ("override", "complaint"),
-    [
-        ("spacecraft.mass_kg=heavy", "spacecraft.mass_kg needs a number, got 'heavy'"),
-        ("spacecraft.mass_kg=true", "spacecraft.mass_kg needs a number, got True"),
-        ("spacecraft.mass_kg.x=3", "spacecraft.mass_kg needs a number"),
-        ("spacecraft=3", "spacecraft needs `key: value` lines, got 3"),
-        ("disturbance=!Earthquake {}", "disturbance cannot be !Earthquake"),
-        ("mpc.intervals=3.5", "mpc.intervals needs a whole number, got 3.5"),
-        ("control_period_s=2026-01-01", "control_period_s needs a number"),
-        ("body=3", "body needs a text, got 3"),
-        ("transit.start_m=4", "transit.start_m needs a list, each a number or null, got 4"),
-        ("transit.start_m=[1, 2, x]", "transit.start_m needs a list, each a number"),
-    ],
-)
-def test_wrong_type(override: str, complaint: str) -> None:
-    with pytest.raises(InputError, match=f"^scenario: {complaint}"):
-        load_scenario(None, [override])
-
-
-@pytest.mark.parametrize(
-    ("overrides", "complaint"),
-    [
-        (["noise_seed=-1"], "noise_seed must not be negative"),
-        (["mpc.intervals=1"], "mpc.intervals must be at least 2"),
-        (["mpc.cold_iterations=0"], "mpc.cold_iterations must be positive"),
-        (["transit.min_distance_m=2e5"], "transit.min_distance_m must be below"),
-        (["transit.start_m=[1, 2, 3]"], "transit needs both start_m and goal_m, or neither"),
-        (["transit.start_m=[1, 2, 3]", "transit.goal_m=[1, 2]"], "goal_m must be three numbers"),
-        (["transit.start_m=[1, 2, .nan]", "transit.goal_m=[1, 2, 3]"], "start_m must be three"),
-        (["kicks.mean_interval_s=5"], "kicks.mean_interval_s must be at least control_period_s"),
-        (["transit.start_velocity_m_s=[1, 2]"], "start_velocity_m_s must be three numbers"),
-        (["transit.start_velocity_m_s=[1, 2, 41]"], "within spacecraft.speed_limit_m_s"),
-        (["mpc.estimator_gain=0.1", "assurance={}"], "leave out assurance or the estimator"),
-    ],
-)
-def test_values_that_do_not_fit_each_other(overrides: list[str], complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint):
-        load_scenario(None, overrides)
-
-
-@pytest.mark.parametrize("override", ["noise_seed", "=3", " = 3", ""])
-def test_override_without_key_or_value(override: str) -> None:
-    with pytest.raises(InputError, match=r"not of the form key\.subkey=value"):
-        load_scenario(None, [override])
 
 
 # --- bodies ---------------------------------------------------------------------------------------
@@ -412,14 +198,6 @@ def test_kleopatra() -> None:
     assert body.gravity_field.mass == pytest.approx(body.config.mass_kg, rel=1e-14)
 
 
-def test_own_body(rock) -> None:
-    body = load_body(rock())
-    assert body.config == BodyConfig(**ROCK)
-    np.testing.assert_allclose(body.shape.centre_of_mass, 0.0, atol=1e-10)
-    assert body.gravity_field.mass == pytest.approx(1e9)
-    assert body.spin_rate == pytest.approx(2 * np.pi / 14400)
-
-
 @pytest.mark.parametrize("name", ["itokawa", "", "..", "a\nb"])
 def test_unknown_body(name: str) -> None:
     with pytest.raises(InputError, match=r"does not ship with proxops \(kleopatra does\)"):
@@ -430,14 +208,10 @@ def test_unknown_body(name: str) -> None:
     ("changes", "complaint"),
     [
         ({"mas_kg": 3.0}, "no key 'mas_kg' in BodyConfig; the nearest is 'mass_kg'"),
-        ({"mass_kg": -1e9}, "mass_kg must be positive"),
         ({"mass_kg": 1e15}, "which no body has"),
-        ({"rotation_period_h": "5:23"}, "rotation_period_h needs a number, got '5:23'"),
         ({"rotation_period_h": -5.2}, "turn the mesh half a turn: .* --fix NEW --flip"),
         ({"name": '"Kleopatra\\nMETA_STOP"'}, "characters that can be printed"),
-        ({"keep_out_semi_axes_m": [160, 160]}, "must be three positive lengths"),
         ({"keep_out_semi_axes_m": [160, 160, 0]}, "must be three positive lengths"),
-        ({"keep_out_semi_axes_m": 160}, "keep_out_semi_axes_m needs a list, each a number"),
         ({"keep_out_semi_axes_m": [160, 160, 20]}, "sticks out of the keep-out ellipsoid"),
         ({"mesh_unit": "km"}, "is the mesh in the unit that was said"),
         ({"mesh_unit": "feet"}, "unit 'feet' is not known"),
@@ -462,7 +236,6 @@ def test_hint_of_the_ellipsoid_suffices(rock) -> None:
 @pytest.mark.parametrize(
     ("key", "complaint"),
     [
-        ("nope", "there is no key 'nope' in a scenario; the nearest is"),
         ("truth.gravty", "there is no key 'truth.gravty' in a scenario; the nearest is truth.grav"),
         ("mpc.intervals", "mpc.intervals cannot be dispersed"),
     ],
@@ -485,13 +258,3 @@ def test_a_misspelt_attribute_is_refused_in_python_too() -> None:
 
 def vars_of(section: Scenario) -> list[object]:
     return [getattr(section, field.name) for field in dc.fields(section)]
-
-
-def test_values_by_keyword() -> None:
-    """They are the overrides of a mapping, and read better in a notebook."""
-    found = load_scenario(transit=3, dispersions="after_survey", control_period_s=5.0)
-    keys = {"transit.index": 3, "dispersions": "after_survey", "control_period_s": 5.0}
-    assert found == load_scenario(None, keys)
-    assert found.transit.index == 3
-    with pytest.raises(InputError, match="there is no key 'dispersion'"):
-        load_scenario(dispersion="after_survey")

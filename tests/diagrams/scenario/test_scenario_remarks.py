@@ -44,10 +44,6 @@ def test_an_error_that_the_navigation_does_not_expect(change: str, expected: str
     assert said(change, "navigation=!TrueState {}") == []
 
 
-def test_a_mended_map_tells_its_own_errors() -> None:
-    assert said("truth.surface_rms_m=100", "navigation.map=mended.obj") == []
-
-
 def test_a_scenario_of_another_body(tmp_path: Path) -> None:
     write_generated_body(tmp_path, 1, 0)
     path = str(tmp_path / "body.yaml")
@@ -63,13 +59,3 @@ def test_what_the_mpc_does_not_fly_well_with() -> None:
     assert said("control_period_s=200", "mpc.min_horizon_s=400") == []
     (remark,) = said("transit.start_m=[0, 110e3, 0]", "transit.goal_m=[0, 71e3, 0]")
     assert "the MPC stops short of it" in remark
-
-
-def test_a_lidar_that_does_not_reach_the_body() -> None:
-    (remark,) = said("lidar.max_range_m=50e3")
-    assert "lidar.max_range_m is 50000 m, and a transit may begin" in remark
-    assert said("lidar.max_range_m=50e3", "navigation=!TrueState {}") == []
-    ends = "transit.start_m=[0, 0, 100e3]", "transit.goal_m=[0, 80e3, 0]"
-    (remark,) = said("lidar.max_range_m=50e3", *ends)
-    assert "the transit begins" in remark
-    assert said("lidar.max_range_m=90e3", *ends) == []

@@ -1,12 +1,13 @@
 """True bodies that differ from the map: displaced, registered, cut in two, of two densities."""
 
 import pickle
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 import trimesh
 from contact_binary import contact_binary, together
-from plain_polyhedral_gravity import G, PlainPolyhedralGravity, box, star_shaped
+from plain_polyhedral_gravity import G, PlainPolyhedralGravity, box
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario.body import load_body
@@ -111,20 +112,6 @@ def test_seeds_and_scale_of_a_displacement(binary) -> None:
     assert displaced(binary, 0.0, 60.0, 1) is binary
 
 
-@pytest.mark.parametrize(
-    ("rms", "correlation", "complaint"),
-    [
-        (-1.0, 60.0, "rms from 0"),
-        (1.0, 0.0, "correlation above 0"),
-        (60.0, 40.0, "displaced by 60 m rms"),
-        (1e5, 40.0, "smaller rms"),
-    ],
-)
-def test_displacement_refused(binary, rms: float, correlation: float, complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint):
-        displaced(binary, rms, correlation, 1)
-
-
 # --- registered -----------------------------------------------------------------------------------
 
 
@@ -137,9 +124,8 @@ def thrown(shape: Polyhedron, seed: int) -> Polyhedron:
     return Polyhedron(vertices, shape.facets)
 
 
-@pytest.mark.parametrize("seed", [1])
-def test_registration_undoes_a_motion(kleopatra, seed: int) -> None:
-    found = registered(thrown(kleopatra, seed), kleopatra)
+def test_registration_undoes_a_motion(kleopatra) -> None:
+    found = registered(thrown(kleopatra, 1), kleopatra)
     np.testing.assert_allclose(found.vertices, kleopatra.vertices, rtol=0, atol=1e-5)
 
 
@@ -159,16 +145,6 @@ def test_registration_of_another_mesh_of_the_body() -> None:
     fine = Polyhedron.from_trimesh(coarse.subdivide(), "m")
     found = registered(thrown(fine, 5), Polyhedron.from_trimesh(coarse, "m"))
     np.testing.assert_allclose(found.vertices, fine.vertices, rtol=0, atol=1e-5)
-
-
-def test_registration_of_a_ball() -> None:
-    """It is moved back; its rotation, of which nothing can be seen, may be any."""
-    shape = Polyhedron.from_trimesh(ball(), "m")
-    found = registered(Polyhedron(shape.vertices + 0.05, shape.facets), shape)
-    np.testing.assert_allclose(found.volume, shape.volume, rtol=1e-12)
-    np.testing.assert_allclose(found.centre_of_mass, 0.0, atol=1e-3)
-    distances = np.linalg.norm(found.vertices, axis=1)
-    np.testing.assert_allclose(distances, np.linalg.norm(shape.vertices, axis=1), atol=5e-3)
 
 
 def test_what_finds_no_place_is_refused(kleopatra, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -246,31 +222,6 @@ def test_halves_of_two_balls(at: float) -> None:
     assert lower.volume + upper.volume == pytest.approx(2.0 * one, rel=1e-13)
     share = {0.0: 1.0, 1.5: 1.5, -1.4: 0.5 + 0.25 * (3 * 0.1 - 0.1**3)}[at]
     assert lower.volume == pytest.approx(share * one, rel=2e-3)
-
-
-def test_plane_through_vertices() -> None:
-    """The plane moves by at most 1e-4 of the size, and no facet loses its area."""
-    sphere = Polyhedron.from_trimesh(ball(), "m")
-    cube = Polyhedron.from_trimesh(trimesh.creation.box((2, 1, 1)).subdivide(), "m")
-    for shape in (sphere, cube):
-        assert (shape.vertices[:, 0] == 0.0).sum() > 3
-        lower, upper = halves(shape, 0, 0.0)
-        assert abs(lower.vertices[:, 0].max()) <= 1e-4 * shape.extents[0]
-        assert lower.volume == pytest.approx(upper.volume, rel=1e-3)
-        assert lower.volume + upper.volume == pytest.approx(shape.volume, rel=1e-13)
-
-
-def test_cut_refused() -> None:
-    shape = Polyhedron(*box(np.zeros(3), np.ones(3)))
-    with pytest.raises(InputError, match="axis must be 0, 1 or 2"):
-        halves(shape, 3, 0.5)
-    for at in (0.0, 1.0, -3.0, np.nan):
-        with pytest.raises(InputError, match="does not cut"):
-            halves(shape, 1, at)
-    inner = ball(0.3)
-    hollow = together(ball(), trimesh.Trimesh(inner.vertices, inner.faces[:, ::-1], process=False))
-    with pytest.raises(InputError, match="void"):
-        halves(Polyhedron.from_trimesh(hollow, "m"), 0, 0.1)
 
 
 # --- two densities --------------------------------------------------------------------------------
@@ -415,16 +366,31 @@ def test_contrast_on_any_axis_and_none() -> None:
     np.testing.assert_array_equal(copy.evaluate(points).potential, plus.evaluate(points).potential)
 
 
+# --- what is refused ------------------------------------------------------------------------------
+
+
+def hollow() -> Polyhedron:
+    inner = ball(0.3)
+    void = trimesh.Trimesh(inner.vertices, inner.faces[:, ::-1], process=False)
+    return Polyhedron.from_trimesh(together(ball(), void), "m")
+
+
 @pytest.mark.parametrize(
-    ("density", "contrast", "complaint"),
+    ("call", "words"),
     [
-        (2e3, 1.0, "contrast must be above -1"),
-        (2e3, np.nan, "contrast must be above -1"),
-        (2e3, 0.97, "lower part.*which no body has"),
-        (1.5e4, 0.9, "upper part.*which no body has"),
+        (lambda shape: displaced(shape, -1.0, 60.0, 1), "rms from 0"),
+        (lambda shape: displaced(shape, 1.0, 0.0, 1), "correlation above 0"),
+        (lambda shape: displaced(shape, 60.0, 40.0, 1), "displaced by 60 m rms"),
+        (lambda shape: displaced(shape, 1e5, 40.0, 1), "smaller rms"),
+        (lambda shape: halves(shape, 3, 0.5), "axis must be 0, 1 or 2"),
+        (lambda shape: halves(shape, 1, 1e6), "does not cut"),
+        (lambda shape: halves(shape, 1, np.nan), "does not cut"),
+        (lambda shape: halves(hollow(), 0, 0.1), "void"),
+        (lambda shape: GravityField(shape, density=2e3, contrast=1.0), "contrast must be above -1"),
+        (lambda shape: GravityField(shape, density=2e3, contrast=0.97), "lower part.*no body has"),
+        (lambda shape: GravityField(shape, density=1.5e4, contrast=0.9), "upper part.*no body has"),
     ],
 )
-def test_contrast_refused(density: float, contrast: float, complaint: str) -> None:
-    shape = Polyhedron.from_trimesh(star_shaped(1), "m")
-    with pytest.raises(InputError, match=complaint):
-        GravityField(shape, density=density, contrast=contrast)
+def test_refusals(binary, call: Callable[[Polyhedron], object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        call(binary)

@@ -3,6 +3,7 @@
 import types
 import typing
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
-from proxops.diagrams.scenario.body import load_body
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.transits import UnflyableWorldError
@@ -117,19 +117,20 @@ class Keeps(PdController):
         self.scenario, self.body = scenario, body
 
 
+@cache
+def untrue_world() -> tuple[Scenario, TrueBody]:
+    """Everything is other than believed."""
+    settings = {**EVERYTHING, "assurance": {}, "hybrid.period_rule": "adaptive"}
+    scenario = load_scenario(None, settings)
+    return scenario, make_true_body(kleopatra(), scenario.truth)
+
+
 @pytest.mark.parametrize(
-    "name",
-    [
-        "mpc", "policy", "hybrid", "pd", "mpc:end-to-end", "zero", f"{__name__}:Keeps",
-    ],
-)  # fmt: skip
+    "name", ["mpc", "policy", "hybrid", "pd", "mpc:end-to-end", f"{__name__}:Keeps"]
+)
 def test_controllers_hold_nothing_true(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(Path(__file__).parents[3])
-    scenario = load_scenario(
-        None, {**EVERYTHING, "assurance": {}, "hybrid.period_rule": "adaptive"}
-    )
-    body = load_body("kleopatra")
-    true_body = make_true_body(body, scenario.truth)
+    (scenario, true_body), body = untrue_world(), kleopatra()
     controller = named_controller(name, believed(scenario), body)
     diagram = make_transit_diagram(scenario, controller, body=body, true_body=true_body)
     on_board = ("assurance", "navigation", "navigation_parts", "command_axes")
@@ -191,14 +192,6 @@ def test_thrust_turns_with_the_axes() -> None:
     np.testing.assert_allclose(both, [0.0, 0.05, 0.0], atol=3e-4)
 
 
-def test_thrust_has_its_scale_and_mass() -> None:
-    push = first_push(
-        [5.0, 5.0, 0.04], truth__thrusters__scale=[0.8, 1.2, 1.0], truth__mass=1.25,
-        truth__thrusters__least_impulse_n_s=0.5,
-    )  # fmt: skip
-    np.testing.assert_allclose(push, [0.032, 0.048, 0.0], atol=2e-4)
-
-
 def test_delta_v_is_that_of_the_propellant() -> None:
     """Tsiolkovsky: Isp g0 ln(m0 / m1), if every axis has thrusters of its own."""
     scenario = short_scenario(truth__specific_impulse_s=20.0, truth__mass=1.1, **BRIEF)
@@ -224,15 +217,6 @@ def test_inertial_motion_of_a_log_is_motion() -> None:
     pull = field.evaluate(data["state"].values[:, :3]).acceleration
     sizes = np.linalg.norm(change[2:-2], axis=1)
     np.testing.assert_allclose(sizes, np.linalg.norm(pull[2:-2], axis=1), rtol=2e-4)
-
-
-def test_true_body_is_the_map_by_default() -> None:
-    body = kleopatra()
-    true_body = make_true_body(body, TruthConfig())
-    assert true_body.shape is body.shape
-    assert true_body.gravity_field is body.gravity_field
-    np.testing.assert_array_equal(true_body.spin, [0.0, 0.0, body.spin_rate])
-    assert not true_body.axis_point.any()
 
 
 def test_spin_axis_goes_through_the_centre_of_mass() -> None:

@@ -14,7 +14,6 @@ from proxops.diagrams.scenario import (
     Scenario,
     dump_scenario,
     load_body,
-    load_dispersions,
 )
 from proxops.studies.campaigns import Variant
 from proxops.studies.campaigns.flying import _inputs, campaign_scenario
@@ -72,11 +71,6 @@ def test_how_a_policy_flies_counts_and_where_it_lies_does_not(key: str, tmp_path
     assert inputs(PolicyConfig(bundle=str(tmp_path))) == usual
     changed: Any = {"margin_m": 500.0, "beyond_family": True}
     assert inputs(PolicyConfig(**{key: changed[key]})) != usual
-
-
-def test_dispersions_ship() -> None:
-    for each in all_campaigns():
-        assert each.dispersions is None or load_dispersions(each.dispersions)
 
 
 # --- bodies ---------------------------------------------------------------------------------------
@@ -148,22 +142,6 @@ def test_who_refuses_is_told_and_the_others_fly(tmp_path: Path) -> None:
     assert list(entry["controllers"]) == ["zero"]
     assert "period is" in entry["refused"]["policy"]
     assert "policy refuses to fly: " in (tmp_path / "report.md").read_text()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("changes", [{"transits": 3}, {"seed": 24_001}])
-def test_what_was_flown_with_other_settings_is_not_told_as_these(
-    told: tuple[Path, dict[str, Any]], changes: dict[str, int], tmp_path: Path
-) -> None:
-    out, _ = told
-    shutil.copytree(out, tmp_path / "again")
-    known = [small("first", **changes), small("second")]
-    content = fly_and_tell(known, [], brief(), tmp_path / "again")
-    assert content["campaigns"] == {}
-    text = (tmp_path / "again" / "report.md").read_text()
-    assert "Flown with other settings, and so not shown: first." in text
-    assert "Not run: second." in text
-    assert "of 2" not in text
 
 
 @pytest.mark.slow

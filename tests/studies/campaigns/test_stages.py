@@ -1,8 +1,6 @@
 """Stages: done once for the same inputs, anew for others, gone on with when interrupted."""
 
 import json
-import shutil
-import time
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +35,6 @@ def test_same_inputs_are_not_worked_on_again(tmp_path: Path) -> None:
     assert len(work.folders) == 1
 
 
-def test_other_inputs_have_another_folder(tmp_path: Path) -> None:
-    work, stages = Work(), Stages(tmp_path)
-    folders = {stages.run("fly", {"seed": seed}, work).folder for seed in (1, 2, 1)}
-    assert folders == set(work.folders)
-    assert len(work.folders) == 2
-    assert [stage.skipped for stage in stages.over] == [False, False, True]
-
-
 def test_interrupted_stage_finds_its_folder(tmp_path: Path) -> None:
     work = Work(failures=1)
     with pytest.raises(KeyboardInterrupt):
@@ -53,36 +43,6 @@ def test_interrupted_stage_finds_its_folder(tmp_path: Path) -> None:
     stage = Stages(tmp_path).run("fly", {}, work)
     assert work.folders == [stage.folder] * 2
     assert not stage.skipped
-
-
-def test_wall_time_counts_all_runs(tmp_path: Path) -> None:
-    class Slow(Work):
-        def __call__(self, folder: Path, tell: Progress) -> dict[str, Any]:
-            time.sleep(0.2)
-            return super().__call__(folder, tell)
-
-    work = Slow(failures=2)
-    for _ in range(2):
-        with pytest.raises(KeyboardInterrupt):
-            Stages(tmp_path).run("fly", {}, work)
-    assert Stages(tmp_path).run("fly", {}, work).wall_s >= 0.6
-    assert Stages(tmp_path).run("fly", {}, work).wall_s >= 0.6
-
-
-def test_stage_whose_folder_is_gone_is_worked_on(tmp_path: Path) -> None:
-    work = Work()
-    shutil.rmtree(Stages(tmp_path).run("fly", {}, work).folder)
-    assert Stages(tmp_path).latest("fly") is None
-    assert not Stages(tmp_path).run("fly", {}, work).skipped
-
-
-def test_latest_is_of_that_name(tmp_path: Path) -> None:
-    stages = Stages(tmp_path)
-    stages.run("data", {}, Work())
-    stages.run("data-full", {}, Work(failures=0))
-    found = Stages(tmp_path).latest("data")
-    assert found is not None
-    assert found.folder.name.rsplit("-", 1)[0] == "data"
 
 
 @pytest.mark.parametrize("content", ["", "[]", json.dumps({"result": {}})])

@@ -3,16 +3,14 @@
 import dataclasses
 from pathlib import Path
 
-import numpy as np
 import pytest
-from short_flights import BRIEF, kleopatra, short_scenario
+from short_flights import BRIEF, short_scenario
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.transits import draw_transit, scenario_transit, with_ends
 from proxops.studies.campaigns.describing import describe_flight
 from proxops.studies.campaigns.variants import (
     Variant,
@@ -22,34 +20,6 @@ from proxops.studies.campaigns.variants import (
     variant_flights,
 )
 from proxops.systems import InputError
-
-
-def test_a_variant_changes_its_keys_alone() -> None:
-    shared = load_scenario(None, {"noise_seed": 7, "hybrid.check_period": 20})
-    [flight] = variant_flights(Variant("paper", "zero", {"hybrid.gate": "paper"}), shared, 5, [3])
-    wanted = {
-        "noise_seed": 7, "hybrid.check_period": 20, "hybrid.gate": "paper", "transit.seed": 5,
-        "transit.index": 3,
-    }  # fmt: skip
-    assert flight.scenario == load_scenario(None, wanted)
-    assert shared.hybrid.gate == "strict"
-
-
-def test_flights_start_where_the_world_says() -> None:
-    def above(scenario: Scenario, body: Body) -> Scenario:
-        index = scenario.transit.index
-        goal = draw_transit(scenario.transit.seed, index, scenario, body).goal
-        start = np.array([0.0, 0.0, 1e5 + index])
-        return with_ends(scenario, start, goal, np.array([1.0, 2.0, 3.0]))
-
-    variant = Variant("above", "zero", world=above)
-    flights = variant_flights(variant, load_scenario(), 5, [4, 2])
-    for flight, number in zip(flights, (4, 2), strict=True):
-        flown = scenario_transit(flight.scenario, kleopatra())
-        drawn = draw_transit(5, number, load_scenario(), kleopatra())
-        np.testing.assert_array_equal(flown.start, [0.0, 0.0, 1e5 + number])
-        np.testing.assert_array_equal(flown.start_velocity, [1.0, 2.0, 3.0])
-        np.testing.assert_array_equal(flown.goal, drawn.goal)
 
 
 def test_flights_are_in_the_world_that_the_variant_says() -> None:
@@ -104,18 +74,3 @@ def test_share_of_small_commands_is_of_what_was_commanded() -> None:
     assert describe_flight(changed, None)["small_command_share"] == pytest.approx(
         (steps - 1) / steps
     )
-
-
-@pytest.mark.parametrize(("limit", "small"), [(7.0, 1), (0.07, 0), (140.0, 2)])
-def test_a_small_command_is_a_share_of_what_the_thrusters_give(limit: float, small: int) -> None:
-    """At a small body all commands are below 0.2 N; 0.1 and 3 N are less than 0.2 of 7 N or not."""
-    log = synthetic_log()
-    data = log.dataset.copy(deep=True)
-    data["disturbance"][:] = 0.0
-    data["force"][:] = [0.0, 0.0, limit]
-    data["force"][1], data["force"][2] = [0.1, 0.0, 0.0], [0.0, 3.0, 0.0]
-    craft = dataclasses.replace(log.scenario.spacecraft, thrust_limit_n=limit)
-    told = dump_scenario(dataclasses.replace(log.scenario, spacecraft=craft))
-    changed = dataclasses.replace(log, dataset=data.assign_attrs(scenario=told))
-    steps = len(data["time"]) - 1
-    assert describe_flight(changed, None)["small_command_share"] == pytest.approx(small / steps)

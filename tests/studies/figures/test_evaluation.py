@@ -1,14 +1,13 @@
 """Figures over many flights."""
 
-import dataclasses as dc
 import math
 
 import numpy as np
 import pytest
-from flight_rows import row, unflyable
+from flight_rows import row
 
 from proxops.studies.figures.intervals import success_interval
-from proxops.studies.figures.results import aggregate, aggregate_all, delta_v_pairs
+from proxops.studies.figures.results import aggregate, delta_v_pairs
 
 
 def test_interval_of_published_examples() -> None:
@@ -93,20 +92,6 @@ def test_aggregate() -> None:
     assert found.flights == rows
 
 
-def test_nobody_arrives_and_nobody_asks_the_mpc() -> None:
-    nothing = {
-        "arrival_time_s": None, "control_ms_median": None, "control_ms_p99": None,
-        "control_ms_mean": None,
-    }  # fmt: skip
-    found = aggregate([row(success=False, success_2km=False, mpc_solves=0, **nothing)])
-    assert found.success_rate == 0.0
-    for name in ("arrival_time_s_median", "delta_v_m_s_median", "delta_v_m_s_mean",
-                 "control_ms_median", "control_ms_p99", "control_ms_mean"):  # fmt: skip
-        assert getattr(found, name) is None
-    numbers = [value for value in vars(found).values() if isinstance(value, float)]
-    assert not any(math.isnan(value) for value in numbers)
-
-
 @pytest.mark.parametrize("good", [0, 1, 426, 851, 852])
 def test_successes_are_counted(good: int) -> None:
     rows = [row(transit=k, success=k < good, success_2km=k < min(good + 1, 852))
@@ -139,26 +124,6 @@ def test_percentiles_and_worst() -> None:
     assert more.delta_v_99_m_s_bound == 229.0
     assert found.success_shown_90 == pytest.approx(0.1 ** (1 / 101))
     assert found.success_rate_exact_interval == pytest.approx((0.025 ** (1 / 101), 1.0))
-
-
-# --- worlds that can't be flown -------------------------------------------------------------------
-
-
-def test_unflyable_worlds_are_counted_apart() -> None:
-    flown = [row(transit=k, delta_v_m_s=100.0 + k) for k in (0, 2, 4)]
-    rows = [flown[0], unflyable(1), flown[1], unflyable(3), flown[2]]
-    found, plain = aggregate(rows), aggregate(flown)
-    assert (found.unflyable, found.unflyable_worlds) == (2, [rows[1], rows[3]])
-    assert dc.replace(found, unflyable=0, unflyable_worlds=[]) == plain
-    assert found.rows == rows
-
-
-def test_delta_v_is_compared_where_both_flew() -> None:
-    rows = [row(delta_v_m_s=110.0), unflyable(1), row(transit=2, delta_v_m_s=120.0), row(transit=3)]
-    expert = [row(delta_v_m_s=100.0), unflyable(1), row(transit=2, delta_v_m_s=100.0), unflyable(3)]
-    np.testing.assert_array_equal(delta_v_pairs(rows, expert), [[110.0, 100.0], [120.0, 100.0]])
-    assert aggregate(rows, expert).expert_pairs == 2
-    assert aggregate_all({"mpc": expert, "pd": rows})["pd"].expert_delta_v_ratio == 1.15
 
 
 # --- against the expert ---------------------------------------------------------------------------

@@ -9,7 +9,6 @@ import pytest
 from flight_rows import row
 from SALib.analyze import pawn
 
-from proxops.studies.figures.results import aggregate_all
 from proxops.studies.figures.sensitivity import (
     DUMMY,
     OUTPUTS,
@@ -111,24 +110,6 @@ def test_one_ranking_in_twenty_names_something_where_nothing_has_an_effect() -> 
     assert 2 <= named <= 19
 
 
-def test_a_driver_is_named_among_thirty_quantities() -> None:
-    drawn = generator(4, 5).normal(size=(200, 31))
-    rows = [
-        row(transit=k, seed=4, delta_v_m_s=drawn[k, 0] + 2.0 * drawn[k, 7],
-            dispersed={f"x{j}": drawn[k, j] for j in range(1, 31)})
-        for k in range(200)
-    ]  # fmt: skip
-    ranking = rank_drivers(rows)["delta_v_m_s"]
-    assert told_from_chance(ranking) == ["x7"]
-    [chance] = [entry for entry in ranking if entry.quantity == DUMMY]
-    assert 0.0 < chance.low <= chance.index <= chance.high < ranking[0].index
-
-
-def test_equal_rows_give_equal_rankings() -> None:
-    rows = [row(transit=k, success=k % 7 > 0, dispersed={"x": float(k)}) for k in range(60)]
-    assert rank_drivers(rows) == rank_drivers(rows)
-
-
 def test_index_of_failure_by_hand() -> None:
     """Ten slices of 20 flights; 20 failures in the last: distances 0.9 once and 0.1 nine times."""
     rows = [
@@ -137,12 +118,6 @@ def test_index_of_failure_by_hand() -> None:
     entry = rank_drivers(rows)["failure"][0]
     # SALib leaves the greatest value out of its slice.
     assert entry.index == pytest.approx((0.9 + 9 * 0.1) / 10, abs=1e-9)
-
-
-def test_a_text_can_be_the_driver() -> None:
-    """Also the last in the alphabet, which slices between quantiles of codes would leave out."""
-    rows = flights(120, lambda drawn: {"success": drawn["truth.mesh"] != "c.obj"})
-    assert told_from_chance(rank_drivers(rows)["failure"]) == ["truth.mesh"]
 
 
 def test_the_transit_can_be_the_driver() -> None:
@@ -180,17 +155,3 @@ def test_too_few_flights_and_outputs_that_are_equal() -> None:
     assert equal == NOTHING
     unchanged = [row(transit=k, delta_v_m_s=float(k), dispersed={"x": 1.0}) for k in range(60)]
     assert rank_drivers(unchanged)["delta_v_m_s"] == []
-
-
-def test_delta_v_counts_flights_that_succeeded() -> None:
-    rows = flights(80, lambda drawn: {"success": drawn["truth.lidar.dropout"] < 0.05})
-    assert rank_drivers(rows)["delta_v_m_s"] == []
-
-
-def test_results_have_a_ranking_where_something_was_dispersed() -> None:
-    rows = flights(3, turned)
-    plain = [row(transit=k, dispersed={}) for k in range(3)]
-    results = aggregate_all({"pd": plain, "zero": rows})
-    assert results["pd"].sensitivity is results["pd"].drivers is None
-    assert results["zero"].sensitivity == NOTHING
-    assert results["zero"].drivers == {}

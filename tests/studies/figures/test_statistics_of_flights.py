@@ -8,7 +8,6 @@ from scipy.stats import beta
 
 from proxops.studies.figures.intervals import (
     exact_interval,
-    percentile,
     percentile_bound,
     shown_success,
 )
@@ -37,10 +36,6 @@ def test_what_is_shown_leaves_a_tenth(successes: int, trials: int) -> None:
     assert 0.0 < shown < successes / trials
 
 
-def test_nothing_is_shown_without_a_success() -> None:
-    assert shown_success(0, 10) == shown_success(0, 0) == 0.0
-
-
 @pytest.mark.parametrize(("successes", "trials"), [(1, 9), (5, 10), (199, 200), (838, 852)])
 def test_exact_interval_of_beta_quantiles(successes: int, trials: int) -> None:
     low, high = exact_interval(successes, trials)
@@ -52,11 +47,6 @@ def test_exact_interval_at_its_ends() -> None:
     assert exact_interval(0, 0) == (0.0, 1.0)
     assert exact_interval(20, 20) == pytest.approx((0.025**0.05, 1.0))
     assert exact_interval(0, 20) == pytest.approx((0.0, 1.0 - 0.025**0.05))
-
-
-def test_percentile() -> None:
-    assert percentile([3.0, 1.0, 2.0], 50) == 2.0
-    assert percentile([], 99) is None
 
 
 def test_bound_of_the_99th_percentile_needs_230_flights() -> None:

@@ -73,9 +73,6 @@ def test_outcomes() -> None:
     assert outcome(row(success=False, arrival_time_s=None)) == "no arrival"
 
 
-# --- which flights are looked into ----------------------------------------------------------------
-
-
 def test_first_and_worst() -> None:
     # 7 and 11 failed; of those that arrived, 13 ended furthest off.
     assert [flight["transit"] for flight in worst_flights(results()["policy:a"].flights)] == [
@@ -85,6 +82,9 @@ def test_first_and_worst() -> None:
     assert shown_transits(results()) == {
         "mpc": first, "policy:a": [*first, 7, 11, 13], "zero": [*first, 4],
     }  # fmt: skip
+
+
+# --- which flights are looked into ----------------------------------------------------------------
 
 
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 1e6)), min_size=1, max_size=12))

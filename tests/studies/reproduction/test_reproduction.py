@@ -21,8 +21,6 @@ from proxops.studies.reproduction.paper_experiments import (
     reproduce,
 )
 from proxops.studies.reproduction.paper_flights import paper_variants
-from proxops.studies.reproduction.training import TrainingSettings
-from proxops.systems import InputError
 from proxops.systems.policy import PolicyConfig
 
 pytestmark = pytest.mark.slow
@@ -85,22 +83,6 @@ def test_report_says_what_was_not_run(reproduced: tuple[Path, Any], bundle: Path
         each.name for each in paper_variants(bundle, None, brief())
     ]
     assert json.loads((out / "report.json").read_text())["not_run"] == report["not_run"]
-
-
-def test_report_asks_nothing_of_a_network(reproduced: tuple[Path, Any]) -> None:
-    page = (reproduced[0] / "report.html").read_text()
-    assert page.count("<iframe") == 1
-    for name in ("report.html", "figures/paths.html", "figures/effort-hybrid-adaptive.png"):
-        assert (reproduced[0] / name).stat().st_size > 10_000
-
-
-def test_what_it_cannot_use_is_refused_at_once(bundle: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="log_ranges"):
-        reproduce(short_scenario(log_ranges=False), tmp_path, ReproductionSettings(transits=1))
-    wanted = short_scenario(policy__bundle=os.fspath(bundle))
-    with pytest.raises(InputError, match="the policy that is trained"):
-        reproduce(wanted, tmp_path, ReproductionSettings(transits=1), TrainingSettings())
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_policys_margin_counts() -> None:

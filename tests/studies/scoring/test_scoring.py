@@ -79,17 +79,6 @@ def test_tracks_are_what_was_drawn(name: str) -> None:
     assert len({json.dumps(change, sort_keys=True) for change in track.changes}) == 200
 
 
-def test_worlds_are_written_down() -> None:
-    """Nothing is left to be drawn when a flight begins."""
-    track = load_track("lidar-after-survey")
-    for flight in dc.replace(track, changes=track.changes[::25]).flights("zero"):
-        scenario = flight.scenario
-        assert scenario.dispersions is None
-        assert scenario.transit.start_m is not None
-        assert scenario.transit.goal_m is not None
-        assert scenario.truth.gravity != 1.0
-
-
 def test_flights_are_those_of_the_seed(brief: Track, tmp_path: Path) -> None:
     row = score(brief, "pd", tmp_path, workers=Workers(1))
     scenario = load_scenario(None, SHORT, on_true_state=True)
@@ -107,15 +96,6 @@ def test_a_world_that_cannot_be_flown_is_named(brief: Track, tmp_path: Path) -> 
     heavy = dc.replace(brief, changes=[brief.changes[0], {**brief.changes[1], "truth.mass": 20.0}])
     with pytest.raises(InputError, match="track brief: transit 1 cannot be flown: hovering at"):
         score(heavy, "zero", tmp_path, workers=Workers(1))
-
-
-def test_settings(brief: Track) -> None:
-    flights = brief.flights("mpc", ["mpc.intervals=12", "hybrid.gate=paper"])
-    scenario = flights[1].scenario
-    assert (scenario.mpc.intervals, scenario.hybrid.gate) == (12, "paper")
-    for setting in ("truth.gravity=1.0", "navigation=!TrueState {}", "arrival.radius_m=5e3"):
-        with pytest.raises(InputError, match="only what is on board may be changed: mpc, policy"):
-            brief.flights("mpc", [setting])
 
 
 def test_tracks_that_were_changed(

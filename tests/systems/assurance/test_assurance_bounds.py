@@ -1,7 +1,6 @@
 """Declared errors: closed forms of the worst case, flights in worlds within the box, refusals."""
 
 import dataclasses
-import math
 from functools import cache
 
 import numpy as np
@@ -52,7 +51,6 @@ def inwards(height: float, speed: float) -> np.ndarray:
         AssuranceBounds(mass=0.1),
         AssuranceBounds(acceleration_m_s2=7e-3),
         AssuranceBounds(velocity_m_s=1.0),
-        AssuranceBounds(position_m=250.0),
         AssuranceBounds(surface_m=250.0),
         AFTER,
         BEFORE,
@@ -84,17 +82,6 @@ def test_stronger_gravity_is_counted_over_a_point_mass() -> None:
     assert lowest - RADIUS - 250.0 < margin <= lowest - RADIUS
     believed = BackupBraking(field, 0.0, BALL).backup_margin(np.array([0, start, 0, 0, -speed, 0]))
     assert believed > margin + 400.0
-
-
-@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(AssuranceBounds)])
-def test_every_bound_takes_room(name: str) -> None:
-    state = np.array([20e3, 12e3, 70e3, -6.0, 12.0, -14.0])
-    value = {"position_m": 100.0, "velocity_m_s": 0.3, "surface_m": 100.0, "delay_s": 2.0}.get(
-        name, 0.02
-    )
-    value = 1e-3 if name == "acceleration_m_s2" else value
-    loose = kleopatras(AssuranceBounds()).backup_margin(state)
-    assert kleopatras(AssuranceBounds(**{name: value})).backup_margin(state) < loose - 1.0
 
 
 def test_errors_of_the_step_replace_the_box() -> None:
@@ -129,7 +116,7 @@ def test_the_wish_never_falls_with_the_normal_and_never_rises_with_speed(
 UNIT = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda u: u @ u > 0.01)
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(
     UNIT,
     st.floats(1.01, 1.3),
@@ -168,60 +155,6 @@ def test_the_backup_keeps_out_in_every_world_of_the_box(
     fast = np.array(outward) > backup.outward_speed + 2.0 * bounds.velocity_m_s
     if fast.any():
         assert min(outward[int(fast.argmax()) :]) > 0.0
-
-
-@pytest.mark.parametrize("kind", ["corner", "hurting", "helping", "turning"])
-def test_worlds_reach_the_ends_of_the_box_and_go_no_further(kind: str) -> None:
-    axes, random, found = kleopatra().keep_out_semi_axes, np.random.default_rng(0), []
-    for seed in range(60):
-        world = worst.Truth(kind, BEFORE, axes, np.random.default_rng(seed))
-        state = np.r_[1.05 * axes * random.normal(size=3), np.zeros(3)]
-        acting, other = world.act(state, np.array([7.0, 0.0, 0.0]))
-        size = np.linalg.norm(acting)
-        angle = np.arccos(np.clip(acting[0] / size, -1.0, 1.0))
-        errors = [world.gravity - 1.0, world.mass - 1.0, size / 7.0 - 1.0, angle]
-        found.append([*np.abs(errors), np.abs(other).max()])
-    ends = [
-        BEFORE.gravity, BEFORE.mass, BEFORE.thrust,
-        math.radians(BEFORE.thrust_direction_deg), BEFORE.acceleration_m_s2,
-    ]  # fmt: skip
-    assert np.max(found, axis=0) == pytest.approx(ends, rel=1e-6)
-
-
-@pytest.mark.parametrize("kind", worst.STATE_ERRORS[1:])
-def test_errors_of_the_state_are_all_that_is_allowed(kind: str) -> None:
-    axes = kleopatra().keep_out_semi_axes
-    error_of = worst.StateErrors(kind, BEFORE, axes, np.random.default_rng(1), 60)
-    errors = np.array([error_of(np.r_[1.1 * axes, np.zeros(3)]) for _ in range(60)])
-    for part, bound in ((errors[:, :3], BEFORE.position_m), (errors[:, 3:], BEFORE.velocity_m_s)):
-        assert np.linalg.norm(part, axis=1).max() == pytest.approx(bound, rel=1e-9)
-
-
-@pytest.mark.parametrize("bounds", [AssuranceBounds(), AFTER, BEFORE])
-def test_outward_speed_stays_positive_near_the_surface(bounds: AssuranceBounds) -> None:
-    """Sampled: states that move outwards just so fast that the law may brake sideways."""
-    backup, axes = kleopatras(bounds), kleopatra().keep_out_semi_axes
-    random, found = np.random.default_rng(5), 0
-    while found < 25:
-        position = random.normal(size=3) * axes
-        position *= random.uniform(1.005, 1.1) / np.linalg.norm(position / axes)
-        normal = position / axes**2
-        normal /= np.linalg.norm(normal)
-        velocity = random.uniform(-40.0, 40.0, 3)
-        velocity[:2] = np.clip(velocity[:2], -backup.settled_speed, backup.settled_speed)
-        velocity += (backup.outward_speed - bounds.velocity_m_s - velocity @ normal) * normal
-        if np.abs(velocity).max() > min(40.0, backup.settled_speed):
-            continue
-        found += 1
-        state = np.concatenate([position, velocity])
-        world = worst.Truth("hurting", bounds, axes, np.random.default_rng(found))
-        error_of = worst.StateErrors("jumping", bounds, axes, np.random.default_rng(found), 60)
-        for _ in range(60):
-            force = backup.force(state + error_of(state))
-            acting, other = world.act(state, force)
-            push = acting / (world.mass * MASS) + other
-            state = worst.moved(state, push, 10.0, kleopatra(), world.gravity)
-            assert state[:3] / axes**2 @ state[3:] > 0.0
 
 
 @pytest.mark.parametrize(("bounds", "seed"), [(AFTER, 1022), (BEFORE, 1022), (BEFORE, 1047)])

@@ -111,7 +111,7 @@ def test_backup_from_admitted_states_stays_out(state: np.ndarray) -> None:
     assert (outward[first:] > 0.0).all()
 
 
-@settings(max_examples=80)
+@settings(max_examples=40)
 @given(states(), FORCES)
 def test_what_is_assured_keeps_the_state_admitted(state: np.ndarray, command: np.ndarray) -> None:
     backup = kleopatras()
@@ -183,13 +183,6 @@ def test_speed_limit_by_the_least_change() -> None:
     # Beyond the limit thrust does what it can, and keeping out comes first.
     fast = np.array([0.0, 160e3, 60e3, 0.0, 0.0, 50.0])
     assert backup.assure(fast, np.zeros(3)).force[2] == -THRUST
-
-
-def test_beyond_thrust_a_command_is_clipped() -> None:
-    state = np.array([150e3, 100e3, 0.0, 0.0, 0.0, 0.0])
-    force, reason, _ = kleopatras().assure(state, np.array([9.0, 1.0, -7.0]))
-    assert reason == InterventionReason.THRUST_LIMIT
-    assert force == pytest.approx([7.0, 1.0, -7.0], rel=1e-15)
 
 
 def test_where_nothing_is_safe_the_backup_flies() -> None:

@@ -48,15 +48,6 @@ def test_follows_a_curved_border() -> None:
     np.testing.assert_allclose(found, expected, atol=0.02)
 
 
-def test_stays_within_the_box() -> None:
-    """Safe forces lie beyond the box along the gradient, and inside it to the side."""
-    normal = np.array([1.0, 0.3, 0.0])
-    found = nearest(lambda u: float(normal @ u) - 1.2, np.zeros(3))
-    assert found is not None
-    assert normal @ found >= 1.2
-    assert (np.abs(found) <= LIMIT).all()
-
-
 @pytest.mark.parametrize("margin", [lambda u: -1.0, lambda u: -math.inf, lambda u: u[0] - 2.0])
 def test_says_so_where_nothing_is_safe(margin) -> None:
     assert nearest(margin, np.zeros(3)) is None

@@ -5,11 +5,9 @@ import pytest
 from braking_ball import ball_field
 from short_flights import kleopatra
 
-from proxops.diagrams.scenario import load_body
 from proxops.systems import BackupBraking, FlightLimits, GravityField, Polyhedron
 from proxops.systems.assurance._braking_kernel import gravity_outside
 from proxops.systems.assurance.outer_gravity import OuterGravity, outer_gravity
-from proxops.systems.gravity import TabulatedField
 
 
 def directions(count: int) -> np.ndarray:
@@ -62,13 +60,6 @@ def test_in_the_ellipsoid_it_is_that_of_the_surface_above(gravity: OuterGravity)
     row = np.ones(3)
     assert not gravity_outside(0.0, 0.0, 0.0, gravity.tables, row)
     assert not row.any()
-
-
-def test_the_same_for_the_same_body(gravity: OuterGravity) -> None:
-    axes = kleopatra().keep_out_semi_axes
-    assert outer_gravity(load_body("kleopatra").exact_field, axes) is gravity
-    assert outer_gravity(TabulatedField(kleopatra().exact_field, axes, 1e-4), axes) is gravity
-    assert outer_gravity(kleopatra().exact_field, 1.1 * axes) is not gravity
 
 
 def test_no_state_is_admitted_where_the_table_has_no_gravity(monkeypatch) -> None:

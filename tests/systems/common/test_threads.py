@@ -21,8 +21,3 @@ def test_one_thread_within_and_as_before_afterwards(before: int) -> None:
         with pytest.raises(ZeroDivisionError), one_thread():
             _ = 1 / 0
         assert threads() == {before}
-
-
-def test_as_a_decorator() -> None:
-    with threadpool_limits(limits=2, user_api="blas"):
-        assert one_thread()(threads)() == {1}

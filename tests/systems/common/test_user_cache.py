@@ -46,18 +46,6 @@ def test_one_wrong_byte_is_seen_or_does_no_harm(kept: Path, data: st.DataObject)
     assert found is None or right(found)  # Some may be missing.
 
 
-@pytest.mark.parametrize("text", ["", "no archive", "\x93NUMPY"])
-def test_other_files_are_none(kept: Path, text: str) -> None:
-    kept.with_name("other.npz").write_text(text, encoding="latin-1")
-    assert kept_arrays("test", "other") is None
-
-
-def test_a_single_array_is_none(kept: Path) -> None:
-    with kept.with_name("single.npz").open("wb") as file:
-        np.save(file, np.zeros(3))
-    assert kept_arrays("test", "single") is None
-
-
 def test_without_a_home_there_is_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     def homeless() -> Path:
         raise RuntimeError("Could not determine home directory.")

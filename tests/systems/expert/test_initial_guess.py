@@ -40,21 +40,12 @@ def test_paths_lead_from_start_to_end_and_stay_outside(start, end):
         assert x @ y < -0.99
 
 
-@pytest.mark.parametrize("radius", [1.1, 1.2, 1.25, 1.3])
-def test_ends_between_which_nothing_chooses(radius):
+def test_ends_between_which_nothing_chooses():
     """Their directions add up to just what the axis would add, the other way."""
     z = -0.05
-    start = radius * np.array([np.sqrt(1.0 - z**2), 0.0, z]) * AXES
+    start = 1.2 * np.array([np.sqrt(1.0 - z**2), 0.0, z]) * AXES
     for path in initial_paths(FRACTIONS, start, start * [-1.0, 1.0, 1.0], AXES):
         assert np.isfinite(path).all()
-
-
-def test_a_path_that_nothing_blocks_is_straight():
-    start, end = np.array([0.0, 120e3, 0.0]), np.array([90e3, 120e3, 30e3])
-    (path,) = initial_paths(FRACTIONS, start, end, AXES)
-    line = (path - start) @ (end - start) / np.sum((end - start) ** 2)
-    assert path == pytest.approx(start + line[:, None] * (end - start), abs=1e-6)
-    assert (np.diff(line) > 0.0).all()
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -66,13 +57,6 @@ def test_exactly_opposite_ends_go_round_by_a_short_axis(axis):
     assert [np.sign(path[1:-1, by]).sum() for path in near] == [15.0, -15.0]
     for path in near:
         assert np.delete(path, [axis, by], axis=1) == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize("centre", [np.zeros(3), np.array([1.0, 0.0, 0.0])])
-def test_from_the_very_centre_there_is_a_path(centre):
-    for path in initial_paths(FRACTIONS, centre, np.array([0.0, 0.0, 100e3]), AXES):
-        assert np.isfinite(path).all()
-        assert path[-1] == pytest.approx([0.0, 0.0, 100e3])
 
 
 # Which way round

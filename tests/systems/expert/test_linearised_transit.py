@@ -13,10 +13,9 @@ from scipy.linalg import expm
 
 from proxops.diagrams.flight.transit_diagram import make_mpc
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import transit_set
-from proxops.systems import Gravity, Plan, TransitProgram, WeightedProgram
+from proxops.systems import Gravity, Plan, TransitProgram
 from proxops.systems.common.errors import SolverFailure
 from proxops.systems.expert import linearised_transit
 from proxops.systems.expert.condensed_motion import Reference, condensed_motion
@@ -226,35 +225,6 @@ def test_limits_out_of_sight_of_the_last_plan_are_kept(speed, excess, monkeypatc
     assert too_fast > excess
 
 
-def weighted() -> WeightedProgram:
-    made = make_mpc(load_scenario(None, ["mpc.cost=weighted"]), load_body("kleopatra"))
-    assert isinstance(made.program, WeightedProgram)
-    return made.program
-
-
-@pytest.mark.parametrize("make", [expert, weighted])
-def test_limits_added_late_give_what_all_at_once_give(make, monkeypatch):
-    program, last = make(), far_from_limits(expert().solve(*OVER, iterations=12))
-    # So fast that the speed's slack is used too.
-    fast = OVER[0] + [0.0, 0.0, 0.0, 30.0, -45.0, 10.0]
-    solver = NotingSolver()
-    monkeypatch.setattr(program.transit, "solver", solver)
-    late = [program.solve(state, OVER[1], last) for state in (OVER[0], fast)]
-    assert len(solver.refined) > 2
-    monkeypatch.setattr(linearised_transit, "_NEAR", np.inf)
-    solver.refined.clear()
-    at_once = [program.solve(state, OVER[1], last) for state in (OVER[0], fast)]
-    # Where slack is needed, the program is first solved without it.
-    needed = sum(plan.slack > 0.0 for plan in at_once)
-    assert needed == (1 if make is weighted else 0)
-    assert len(solver.refined) == 2 + needed
-    for one, other in zip(late, at_once, strict=True):
-        assert one.forces == pytest.approx(other.forces, abs=1e-4)
-        assert one.states[:, :3] == pytest.approx(other.states[:, :3], abs=1.0)
-        assert one.states[:, 3:] == pytest.approx(other.states[:, 3:], abs=1e-3)
-        assert one.slack == pytest.approx(other.slack, abs=1e-6)
-
-
 # Refinement
 
 
@@ -296,20 +266,3 @@ def test_slack_is_used_where_it_is_cheaper(price, monkeypatch):
     expected = program.solve(*OVER, last)
     assert plan.forces == pytest.approx(expected.forces, abs=1e-3)
     assert plan.slack == pytest.approx(expected.slack, rel=1e-4)
-
-
-@pytest.mark.parametrize("index", [0, 4])
-def test_without_slack_the_solution_is_the_same(index, monkeypatch):
-    start, target = ends(index)
-    last = expert().solve(start, target, iterations=12)
-    program = limited_to(40.0)
-    program.transit.solver = solver = NotingSolver()
-    ages = (10.0, 300.0, 900.0)
-    steps = [(last.states_at(np.array([age]))[0], target, last, age) for age in ages]
-    bare = [program.solve(*step) for step in steps]
-    assert solver.refined == [0, 0, 0]
-    monkeypatch.setattr(program.transit, "_without_slack", lambda rows, included: None)
-    full = [program.solve(*step) for step in steps]
-    for one, other in zip(bare, full, strict=True):
-        assert one.forces == pytest.approx(other.forces, abs=1e-3)
-        assert one.times[-1] == pytest.approx(other.times[-1], rel=5e-6)

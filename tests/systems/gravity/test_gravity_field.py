@@ -16,10 +16,8 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from plain_polyhedral_gravity import G, PlainPolyhedralGravity, box, star_shaped
 
-from proxops.assets import ASSETS
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems.common.errors import InputError
 from proxops.systems.gravity import _polyhedral_kernel as kernel
@@ -31,7 +29,7 @@ from proxops.systems.shapes.polyhedron import Polyhedron
 DENSITY = 2000.0
 G_RHO = G * DENSITY
 seeds = st.integers(0, 2**32 - 1)
-few = settings(max_examples=15)
+few = settings(max_examples=8)
 
 
 def field_of(mesh: trimesh.Trimesh, density: float = DENSITY) -> GravityField:
@@ -323,7 +321,7 @@ def test_random_bodies_against_the_plain_formula(seed: int) -> None:
     np.testing.assert_array_equal(result.inside, angle > 2 * np.pi)
 
 
-@pytest.mark.parametrize("distance", [10.0, 0.1, 1e-3, 1e-5])
+@pytest.mark.parametrize("distance", [10.0, 0.1, 1e-5])
 def test_beside_edges(kleopatra, kleopatra_extended, distance: float) -> None:
     """Metres to micrometres from edges kilometres long acceleration keeps its digits."""
     vertices, (edges, _) = kleopatra.shape.vertices, kleopatra.shape.edges
@@ -422,18 +420,6 @@ def test_scale_and_rotation(seed: int, magnitude: float) -> None:
     assert relative(result.acceleration, size * base.acceleration @ turn.T) < 2e-12
     assert relative(result.gradient, turn @ base.gradient @ turn.T) < 1e-11
     np.testing.assert_array_equal(result.inside, base.inside)
-
-
-@few
-@given(seeds, arrays(float, 3, elements=st.floats(-5, 5)))
-def test_origin_does_not_matter(seed: int, offset: np.ndarray) -> None:
-    mesh = star_shaped(seed, subdivisions=1)
-    points = surface_points(mesh, 20, seed)[0] * np.geomspace(0.2, 50.0, 20)[:, None]
-    base = field_of(mesh).evaluate(points)
-    moved = trimesh.Trimesh(mesh.vertices + offset, mesh.faces, process=False)
-    result = field_of(moved).evaluate(points + offset)
-    for index in range(3):
-        assert relative(result[index], base[index]) < 1e-11
 
 
 # --- on the surface -------------------------------------------------------------------------------
@@ -538,20 +524,6 @@ def test_nan_stays_in_its_row(box_gravity: GravityField) -> None:
     assert not result.inside[1:3].any()
 
 
-def test_empty_batch_and_shapes(box_gravity: GravityField) -> None:
-    result = box_gravity.evaluate(np.empty((0, 3)))
-    assert [part.shape for part in result] == [(0,), (0, 3), (0, 3, 3), (0,)]
-    assert result.inside.dtype == bool
-    integers = box_gravity.evaluate(np.array([[2, 3, 4]]))
-    np.testing.assert_array_equal(
-        integers.acceleration, box_gravity.evaluate(np.array([[2.0, 3.0, 4.0]])).acceleration
-    )
-    turned = np.asfortranarray(np.random.default_rng(0).normal(size=(7, 3)))
-    np.testing.assert_array_equal(
-        box_gravity.evaluate(turned[::2]).potential, box_gravity.evaluate(turned).potential[::2]
-    )
-
-
 def test_parallel_equals_serial(kleopatra) -> None:
     points = np.random.default_rng(9).uniform(-2e6, 2e6, (600, 3))
     points[:200] *= 0.05
@@ -561,48 +533,6 @@ def test_parallel_equals_serial(kleopatra) -> None:
         chunks = np.concatenate([part[index] for part in apart])
         assert relative(together[index], chunks) < 1e-14
     np.testing.assert_array_equal(together.inside, np.concatenate([part.inside for part in apart]))
-
-
-def test_mass_and_density_agree() -> None:
-    shape = Polyhedron(*box(np.zeros(3), np.array([2.0, 3.0, 4.0])))
-    by_mass, by_density = GravityField(shape, mass=48000.0), GravityField(shape, density=2000.0)
-    assert by_mass.density == pytest.approx(2000.0)
-    assert by_density.mass == pytest.approx(48000.0)
-    point = np.array([[5.0, 1.0, 2.0]])
-    np.testing.assert_allclose(
-        by_mass.evaluate(point).acceleration, by_density.evaluate(point).acceleration, rtol=1e-15
-    )
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        ({}, "exactly one of mass"),
-        ({"mass": 24000.0, "density": 1000.0}, "exactly one of mass"),
-        ({"mass": -1.0}, "mass must be positive"),
-        ({"mass": np.nan}, "mass must be positive"),
-        ({"density": np.inf}, "density must be positive"),
-        ({"density": 1e5}, "which no body has"),
-    ],
-)
-def test_mass_or_density_refused(arguments: dict, complaint: str) -> None:
-    shape = Polyhedron(*box(np.zeros(3), np.ones(3)))
-    with pytest.raises(InputError, match=complaint):
-        GravityField(shape, **arguments)
-
-
-def test_wrong_unit_is_refused(kleopatra, tmp_path) -> None:
-    """Kilometres read as metres, and metres as kilometres."""
-    mass = kleopatra.config.mass_kg
-    too_small = Polyhedron.load(ASSETS / "kleopatra/kleopatra.obj", unit="m")
-    with pytest.raises(InputError, match="in the unit that was said"):
-        GravityField(too_small, mass=mass)
-    path = tmp_path / "metres.obj"
-    kleopatra.shape.to_trimesh("m").export(path)
-    too_large = Polyhedron.load(path, unit="km")
-    with pytest.raises(InputError, match="in the unit that was said"):
-        GravityField(too_large, mass=mass)
-    GravityField(Polyhedron.load(path, unit="m"), mass=mass)
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="looks for instructions of x86-64")
@@ -657,3 +587,19 @@ def test_it_says_that_it_compiles(tmp_path, monkeypatch, caplog, kept, says) -> 
     monkeypatch.setattr(kernel, "evaluate_serial", SimpleNamespace(stats=stats))
     gravity_field._announce_compilation.__wrapped__()
     assert says in caplog.text if says else caplog.text == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ({}, "exactly one of mass"),
+        ({"mass": 24000.0, "density": 1000.0}, "exactly one of mass"),
+        ({"mass": np.nan}, "mass must be positive"),
+        ({"density": np.inf}, "density must be positive"),
+        ({"density": 1e5}, "which no body has"),
+        ({"mass": 1e-6}, "in the unit that was said"),
+    ],
+)
+def test_refusals(box_gravity: GravityField, arguments: dict, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        GravityField(box_gravity.shape, **arguments)

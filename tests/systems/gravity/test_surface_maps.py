@@ -134,18 +134,6 @@ def test_slope_where_a_fast_spinner_sheds(sphere: GravityField) -> None:
     assert np.degrees(found.slope[np.abs(latitude) > 85.0].max()) < 12.0
 
 
-def test_map_of_kleopatra(kleopatra: GravityField) -> None:
-    found = surface_map(kleopatra, PUBLISHED_SPIN)
-    assert {len(column) for column in found} == {4000}
-    felt = effective_field(kleopatra, PUBLISHED_SPIN, found.centroids[::400])
-    np.testing.assert_array_equal(found.potential[::400], felt.potential)
-    inward = -np.einsum("fi,fi->f", found.acceleration, kleopatra.shape.normals)
-    magnitude = np.linalg.norm(found.acceleration, axis=1)
-    np.testing.assert_allclose(np.cos(found.slope), inward / magnitude, atol=1e-12)
-    assert 0.03 < found.gravity.min() < found.gravity.max() < 0.06
-    assert np.degrees(found.slope.max()) < 60.0
-
-
 # --- on a plane -----------------------------------------------------------------------------------
 
 

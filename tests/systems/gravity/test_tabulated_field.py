@@ -12,9 +12,6 @@ import trimesh
 from scipy.integrate import solve_ivp
 from short_flights import kleopatra
 
-from proxops.diagrams.scenario import body as body_module
-from proxops.diagrams.scenario import change_scenario, load_body, make_true_body
-from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.systems.common.errors import InputError
 from proxops.systems.gravity import GravityField, TabulatedField, tabulated_field
 from proxops.systems.shapes.polyhedron import Polyhedron
@@ -201,27 +198,6 @@ def test_a_body_close_to_the_ellipsoid_is_exact_where_no_box_is_small_enough(mon
     points = outside(2000, axes)
     assert tabulated_field.kernel.evaluate(points, found.tables, np.empty((len(points), 14))) > 0
     assert max(errors(found, outside(2000, axes))) < 1e-3
-
-
-def test_a_scenario_chooses_the_table_for_what_is_believed(monkeypatch):
-    class Stub(GravityField):
-        def __init__(self, field, semi_axes):
-            super().__init__(field.shape, mass=field.mass)
-
-    monkeypatch.setattr(body_module, "TabulatedField", Stub)
-    body = load_body("kleopatra")
-    assert body.with_gravity("exact") is body
-    tabulated = body.with_gravity("table")
-    assert isinstance(tabulated.gravity_field, Stub)
-    assert tabulated.exact_field is body.gravity_field
-    # A truth that is the belief flies the same field; another one is exact.
-    assert make_true_body(tabulated, TruthConfig()).gravity_field is tabulated.gravity_field
-    denser = make_true_body(tabulated, TruthConfig(gravity=1.01)).gravity_field
-    assert type(denser) is GravityField
-    assert denser.mass == pytest.approx(1.01 * body.config.mass_kg)
-    assert Scenario().gravity == "exact"
-    with pytest.raises(InputError, match="gravity must be exact or table, got 'cheap'"):
-        change_scenario(Scenario(), {"gravity": "cheap"})
 
 
 @pytest.mark.slow

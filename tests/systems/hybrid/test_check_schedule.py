@@ -15,12 +15,6 @@ def agreed(difference: float) -> Agreement:
     return Agreement(True, difference, 0.0)
 
 
-@given(differences, st.booleans(), st.integers(0, 200))
-def test_fixed_is_fixed(difference: float, agrees: bool, steps: int) -> None:
-    schedule = CheckSchedule(PeriodRule.FIXED, check_period=7)
-    assert schedule.next_period(100, Agreement(agrees, difference, 0.0), 1.0, steps) == 7
-
-
 @pytest.mark.parametrize(
     ("difference", "following"), [(0.0, 100), (0.5, 77), (1.0, 10), (3.0, 10), (0.25, 94)]
 )
@@ -59,7 +53,3 @@ def test_better_is_longer(one: float, other: float, near: int, far: int) -> None
 def test_trust_is_earned(last: int, following: int) -> None:
     assert ADAPTIVE.next_period(last, agreed(0.0), 1.0, 1000) == following
     assert ADAPTIVE.next_period(last, agreed(1.0), 1.0, 1000) == 10
-
-
-def test_limit_of_zero() -> None:
-    assert ADAPTIVE.next_period(100, agreed(0.0), 0.0, 1000) == 10

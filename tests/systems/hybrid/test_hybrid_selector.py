@@ -86,22 +86,6 @@ def flown(steps: int, mpc, policy, schedule: CheckSchedule, gate=None, state=FAR
 FIXED = CheckSchedule(PeriodRule.FIXED)
 
 
-def test_one_in_ten_if_it_always_agrees() -> None:
-    columns, experts, learned = flown(100, lambda k: 2.0, lambda k: 2.5, FIXED)
-    checks = np.arange(0, 100, 10)
-    assert experts.asked == checks.tolist()
-    assert np.flatnonzero(columns["mpc_wanted"]).tolist() == checks.tolist()
-    assert sorted(set(learned.asked)) == list(range(100))
-    assert len(learned.asked) == 100
-    # On a check step the MPC's force flies.
-    np.testing.assert_array_equal(columns["decision"] == 1, columns["mpc_wanted"] == 1)
-    expected = np.where(columns["mpc_wanted"] == 1, 2.0, 2.5)
-    np.testing.assert_array_equal(columns["force"][:, 0], expected)
-    np.testing.assert_array_equal(
-        columns["mpc_force"][:, 0], np.where(columns["mpc_wanted"] == 1, 2.0, np.nan)
-    )
-
-
 def test_after_a_failed_check_the_mpc_flies_until_the_next() -> None:
     """The policy is opposed from step 15 to step 45: checks at 20, 30 and 40 fail."""
 
@@ -203,34 +187,3 @@ def test_without_a_state_every_step_is_a_check(rule: PeriodRule) -> None:
     assert columns["force"][:, 0].tolist() == [2.0] * 5
     assert np.isnan(columns["record"][:, 4]).all()
     assert (columns["record"][:, 5] == 1.0).all()
-
-
-def test_gate_decides() -> None:
-    weak = {kind: AgreementGate(kind) for kind in GateKind}
-    for kind, solves in ((GateKind.PAPER, 2), (GateKind.STRICT, 20), (GateKind.PRINTED, 20)):
-        _, experts, _ = flown(20, lambda k: 6.0, lambda k: 0.5, FIXED, weak[kind])
-        assert len(experts.asked) == solves
-
-
-def test_wanted_and_decision_ask_nobody() -> None:
-    """They are there before anything else is: no input is connected."""
-    selector = HybridSelector(AgreementGate(), FIXED, reach())
-    context = selector.CreateDefaultContext()
-    assert selector.GetOutputPort("mpc_wanted").Eval(context).tolist() == [1.0]
-    assert selector.GetOutputPort("decision").Eval(context).tolist() == [1.0]
-
-
-def test_between_checks_neither_mpc_nor_state_is_needed() -> None:
-    selector = HybridSelector(AgreementGate(), FIXED, reach())
-    context = selector.CreateDefaultContext()
-    ports = {"mpc_force": [1.0, 0, 0], "policy_force": [1.0, 0, 0], "state": FAR}
-    for name, value in ports.items():
-        selector.GetInputPort(name).FixValue(context, value)
-    after = selector.EvalUniquePeriodicDiscreteUpdate(context)
-    fresh = selector.CreateDefaultContext()
-    fresh.get_mutable_discrete_state().SetFrom(after)
-    selector.GetInputPort("policy_force").FixValue(fresh, [0.0, 2.0, 0.0])
-    assert selector.GetOutputPort("force").Eval(fresh).tolist() == [0.0, 2.0, 0.0]
-    assert selector.GetOutputPort("mpc_wanted").Eval(fresh).tolist() == [0.0]
-    assert selector.GetOutputPort("record").Eval(fresh)[0] == TRUSTED
-    selector.EvalUniquePeriodicDiscreteUpdate(fresh)

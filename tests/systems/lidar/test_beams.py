@@ -1,24 +1,18 @@
 """Rays with a width: against many thin rays in their cones, and bodies with closed forms."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
-from ball_lidar import write_ball_bundle
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems import (
-    InputError,
-    LearnedLidar,
     Lidar,
     LidarErrors,
     LidarGeometry,
     Polyhedron,
     RayCaster,
 )
-from proxops.systems.common import generator
 
 FEW = LidarGeometry(planes=12, rays=180)
 # Outside Kleopatra: far, near, and in the gap beside its neck.
@@ -154,16 +148,6 @@ def test_a_thin_pole_in_front_of_a_wall() -> None:
         assert got == pytest.approx(wanted, abs=0.02)
 
 
-def test_a_beam_of_no_width_is_a_line(kleopatra: Polyhedron) -> None:
-    thin = Lidar(kleopatra, LidarErrors(beam_width=1e-9), FEW)
-    line = Lidar(kleopatra, LidarErrors(), FEW)
-    for place in PLACES:
-        one, other = true_ranges(thin, place), true_ranges(line, place)
-        assert (np.isfinite(one) != np.isfinite(other)).sum() == 0
-        seen = np.isfinite(one)
-        np.testing.assert_allclose(one[seen], other[seen], atol=0.2)
-
-
 def test_incidence_is_that_of_the_axis(kleopatra: Polyhedron) -> None:
     """An axis that grazes loses the return; a beam whose axis misses keeps it."""
     place, errors = PLACES[0], LidarErrors(beam_width=5e-3, max_incidence=1.0)
@@ -175,19 +159,3 @@ def test_incidence_is_that_of_the_axis(kleopatra: Polyhedron) -> None:
     assert np.array_equal(beams.grazing[common], lines.grazing)
     assert (~common).any()
     assert not beams.grazing[~common].any()
-
-
-def test_a_width_leaves_the_random_numbers_as_they_are(kleopatra: Polyhedron) -> None:
-    """The k-th return gets the k-th number, however many return."""
-    exact = Lidar(kleopatra, LidarErrors(beam_width=5e-3), FEW)
-    noisy = Lidar(kleopatra, LidarErrors(50.0, beam_width=5e-3), FEW)
-    one, other = (lidar.frames(np.zeros(1), PLACES[:1], 9)[0] for lidar in (exact, noisy))
-    seen = np.isfinite(one)
-    drawn = 50.0 * generator(9, 0).standard_normal(seen.sum())
-    np.testing.assert_allclose(other[seen] - one[seen], drawn, atol=0.05)
-
-
-@pytest.mark.slow
-def test_a_learned_lidar_has_no_beams(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="leave out beam_width"):
-        LearnedLidar(write_ball_bundle(tmp_path / "ball"), LidarErrors(beam_width=1e-3))

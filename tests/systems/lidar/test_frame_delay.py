@@ -15,10 +15,9 @@ GEOMETRY = LidarGeometry(planes=4, rays=60)
 
 # With 0.1 s and 0.7 s, sums of periods and multiples of them differ in the last bit.
 @pytest.mark.parametrize("period", [10.0, 0.1, 0.7])
-@pytest.mark.parametrize("steps", [1, 3])
-def test_frames_late_by_steps(period: float, steps: int) -> None:
+def test_frames_late_by_steps(period: float) -> None:
     """A spacecraft that moves past Kleopatra; the flight ends between two control steps."""
-    end, builder = 12.4 * period, DiagramBuilder()
+    steps, end, builder = 3, 12.4 * period, DiagramBuilder()
     path = PiecewisePolynomial.FirstOrderHold(
         [0.0, 2.0 * end], np.array([[120e3, 60e3, -20e3], [-100e3, 90e3, 40e3]]).T
     )

@@ -8,16 +8,11 @@ import trimesh
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import Lidar, LidarGeometry, Polyhedron, RayCaster, ray_directions
-from proxops.systems.common.counter_noise import generator
 from proxops.systems.lidar.lidar_errors import (
     LidarErrors,
     false_ranges,
-    measured_ranges,
 )
 
 POSITION = np.array([10e3, 30e3, 25e3])
@@ -59,22 +54,6 @@ def test_noise_is_the_first_stream_of_seed_and_step(kleopatra: Polyhedron) -> No
     bits = np.random.Philox(key=[9, 4])
     noise = 50.0 * np.random.Generator(bits).standard_normal(hit.sum())
     assert np.array_equal(noisy[hit], exact[hit] + noise)
-
-
-def test_bias(kleopatra: Polyhedron) -> None:
-    exact = frame(Lidar(kleopatra, LidarErrors()))
-    assert np.array_equal(frame(Lidar(kleopatra, LidarErrors(bias=-75.5))), exact - 75.5)
-    assert measured_ranges(np.array([10.0, 100.0]), LidarErrors(bias=-50.0), 0, 0).tolist() == [
-        0.0, 50.0,
-    ]  # fmt: skip
-
-
-def test_scale_error(kleopatra: Polyhedron) -> None:
-    exact = frame(Lidar(kleopatra, LidarErrors()))
-    scaled = frame(Lidar(kleopatra, LidarErrors(scale_error=2e-3)))
-    assert np.array_equal(np.isfinite(scaled), np.isfinite(exact))
-    hit = np.isfinite(exact)
-    np.testing.assert_allclose(scaled[hit] / exact[hit], 1.002, rtol=1e-14)
 
 
 @pytest.mark.parametrize("degrees", [10.0, 30.0, 45.0, 54.0])
@@ -145,17 +124,6 @@ def test_whole_frames_are_lost_by_chance(kleopatra: Polyhedron) -> None:
     assert np.isinf(frame(Lidar(kleopatra, LidarErrors(false_returns=1.0, frame_loss=1.0)))).all()
 
 
-def test_what_answers_first_is_read(room: Polyhedron) -> None:
-    exact = frame(Lidar(room, LidarErrors()), np.zeros(3))
-    found = frame(
-        Lidar(room, LidarErrors(false_returns=1.0), LidarGeometry(max_range=20e3)), np.zeros(3)
-    )
-    false = false_ranges(4320, 1.0, 20e3, 0, 0)
-    assert np.array_equal(found, np.minimum(exact, false))
-    assert (false < exact).any()
-    assert (false > exact).any()
-
-
 @pytest.mark.parametrize(("planes", "rays"), [(1, 1), (3, 7), (24, 720)])
 def test_geometry(room: Polyhedron, planes: int, rays: int) -> None:
     lidar = Lidar(room, LidarErrors(), LidarGeometry(planes=planes, rays=rays))
@@ -195,13 +163,6 @@ def test_one_option_leaves_the_numbers_of_the_others(kleopatra: Polyhedron, opti
         assert (everything[changed] > without[changed]).all()
 
 
-def test_streams_of_a_step_are_independent() -> None:
-    numbers = [generator(3, 7, stream).standard_normal(20_000) for stream in range(4)]
-    correlation = np.asarray(np.corrcoef(numbers))[np.triu_indices(4, 1)]
-    assert np.abs(correlation).max() < 4.0 / np.sqrt(20_000)
-    assert np.array_equal(numbers[0], generator(3, 7).standard_normal(20_000))
-
-
 def test_all_is_a_pure_function_of_seed_and_step(kleopatra: Polyhedron) -> None:
     lidar = Lidar(kleopatra, LidarErrors(50.0, **ALL), seed=5)
     context = lidar.CreateDefaultContext()
@@ -220,63 +181,7 @@ def test_all_is_a_pure_function_of_seed_and_step(kleopatra: Polyhedron) -> None:
     assert np.array_equal(again[0].ravel(), first.astype(np.float32))
 
 
-# --- as a scenario says ---------------------------------------------------------------------------
-
-
-def test_scenario_sets_every_option() -> None:
-    options = {
-        "lidar.planes": 3,
-        "lidar.rays": 40,
-        "lidar.noise_std_m": 20.0,
-        "truth.lidar.noise": 0.5,
-        "truth.lidar.bias_m": -15.0,
-        "truth.lidar.scale_error": -0.01,
-        "lidar.max_incidence_deg": 60.0,
-        "truth.lidar.dropout": 0.25,
-        "truth.lidar.false_returns": 0.125,
-    }
-    end = {"arrival.deadline_s": 20.0, "arrival.dwell_s": 10.0, "control_period_s": 10.0}
-    scenario = load_scenario(None, {**options, **end})
-    log = fly(scenario, "zero")
-    ranges = log.dataset["ranges"]
-    assert ranges.dims == ("time", "plane", "ray")
-    assert ranges.shape == (4, 3, 40)
-    lidar = make_transit_diagram(scenario).GetSubsystemByName("lidar")
-    assert isinstance(lidar, Lidar)
-    assert lidar.errors == LidarErrors(10.0, -15.0, -0.01, np.radians(60.0), 0.25, 0.125)
-    positions, times = log.dataset["state"].values[:, :3], log.dataset["time"].values
-    assert np.array_equal(lidar.frames(times, positions, lidar.seed), ranges.values)
-    assert fly(scenario, "zero").dataset["ranges"].identical(ranges)
-
-
 # --- the rays -------------------------------------------------------------------------------------
-
-
-def bodies() -> dict[str, trimesh.Trimesh]:
-    off_centre = trimesh.creation.box([4e3, 30e3, 1e3])
-    off_centre.apply_translation([60e3, -20e3, 35e3])
-    return {"torus": trimesh.creation.torus(60e3, 20e3), "plate": off_centre}
-
-
-@pytest.mark.parametrize("name", ["torus", "plate"])
-def test_fan_meets_what_every_ray_alone_meets(name: str) -> None:
-    shape = Polyhedron.from_trimesh(bodies()[name], "m")
-    caster, directions = RayCaster(shape), ray_directions(6, 180)
-    random = np.random.default_rng(5)
-    places = random.normal(size=(60, 3)) * np.geomspace(1e3, 3e6, 60)[:, None]
-    places = np.concatenate([places, shape.vertices[:20] * 1.001, shape.vertices[:20] * 0.999])
-    expected = caster.distances(
-        np.repeat(places, len(directions), axis=0), np.tile(directions, (len(places), 1))
-    )
-    frames = caster.fan(directions).frames(places)
-    assert frames.dtype == np.float32
-    assert np.array_equal(frames, expected.reshape(frames.shape).astype(np.float32))
-    assert np.isfinite(frames).any()
-    # Far away too, where the body is a speck: a ray straight at a facet.
-    middle = shape.vertices[shape.facets[0]].mean(axis=0)
-    for distance in (1e6, 1e8):
-        far = middle + distance * shape.normals[0]
-        assert np.isfinite(caster.fan(-shape.normals[:1]).frames(far[None])).all()
 
 
 def test_hits_name_the_facet_met(kleopatra: Polyhedron) -> None:

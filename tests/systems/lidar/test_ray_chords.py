@@ -49,19 +49,3 @@ def test_from_inside_every_ray_has_a_chord_that_begins_there():
     assert not chords.starts.any()
     entry = np.broadcast_to((place - CENTRE) / AXES, (len(directions), 3))
     assert chords.ends[:, :3] == pytest.approx(entry, abs=1e-6)
-
-
-def test_nothing_from_afar_where_no_ray_points_at_the_body():
-    fan = ChordFan(CENTRE, AXES, np.array([[1.0, 0.0, 0.0]]))
-    chords = fan.chords(np.array([[400e3, -5e3, 2e3]]))  # It points away.
-    assert chords.ends.shape == (0, 6)
-    assert len(fan.chords(np.array([[-400e3, -5e3, 2e3]])).rays) == 1
-
-
-def test_places_do_not_touch_each_other():
-    fan = ChordFan(CENTRE, AXES, ray_directions())
-    together = fan.chords(PLACES)
-    for k in range(len(PLACES)):
-        alone, mine = fan.chords(PLACES[k : k + 1]), together.places == k
-        assert np.array_equal(together.rays[mine], alone.rays)
-        assert together.ends[mine] == pytest.approx(alone.ends, abs=1e-6)

@@ -51,24 +51,10 @@ def test_false_returns_and_dropout(name: str) -> None:
     check(outcomes(name, 8, 200, false_returns=0.2, dropout=0.1), 0.85)
 
 
-@pytest.mark.parametrize("name", ["contact binary", "lumpy ball", "ellipsoid"])
-def test_around_other_bodies(name: str) -> None:
-    check(outcomes(name, 8, 300), 0.85)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BODIES)
 def test_many_places_with_false_returns(name: str) -> None:
     check(outcomes(name, 150, 2000, false_returns=0.2, dropout=0.1), 0.93, wrong=0.02)
-
-
-def test_the_same_frame_gives_the_same_pose() -> None:
-    frame = measured("kleopatra", poses("kleopatra", 1, 5)[0], 5)
-    first, second = (acquire(model("kleopatra"), frame, np.eye(3), STD) for _ in range(2))
-    assert first is not None
-    assert second is not None
-    np.testing.assert_array_equal(first.position, second.position)
-    np.testing.assert_array_equal(first.rotation, second.rotation)
 
 
 def test_the_attitude_as_known_turns_everything() -> None:
@@ -86,7 +72,7 @@ def test_the_attitude_as_known_turns_everything() -> None:
 
 
 @pytest.mark.parametrize("name", ["kleopatra", "lumpy ball"])
-@pytest.mark.parametrize("share", [0.0, 0.001, 0.05, 0.2, 1.0])
+@pytest.mark.parametrize("share", [0.0, 0.05, 1.0])
 def test_nothing_is_found_where_nothing_is(name: str, share: float) -> None:
     """Frames of no returns, of few, and of false ones alone."""
     rng, modelled = np.random.default_rng(1), model(name)

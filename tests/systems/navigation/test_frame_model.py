@@ -201,38 +201,6 @@ def test_coefficients_of_the_map() -> None:
     assert np.median(np.abs(left)) < 0.02 * np.median(np.abs(found.residuals[good]))
 
 
-def test_coefficients_that_are_large() -> None:
-    """The frame of a body that is far out of its map is predicted better than by its derivative."""
-    shape = egg()
-    errors = MapError(shape, 1000.0, 40e3)
-    normals, _ = vertex_normals(shape)
-    coefficients = np.random.default_rng(3).normal(size=errors.modes)
-    moved = Polyhedron(
-        shape.vertices + (errors.table @ coefficients)[:, None] * normals, shape.facets
-    )
-    linear = model(shape, errors).compared(estimate(errors.modes), cast(moved))
-    known = estimate(errors.modes)
-    known.mean[BASE:] = coefficients
-    exact = model(shape, errors).compared(known, cast(moved))
-
-    def left(found: Comparison, residuals: np.ndarray) -> float:
-        return float(np.sqrt(np.mean(residuals[steep(found)] ** 2)))
-
-    first_order = left(linear, linear.residuals - linear.rows[:, 10:] @ coefficients)
-    assert left(exact, exact.residuals) < 0.5 * first_order
-
-
-@pytest.mark.parametrize("mode", [0, 1, -1])
-def test_one_coefficient(mode: int) -> None:
-    shape = egg()
-    errors = MapError(shape, 30.0, 40e3)
-    normals, _ = vertex_normals(shape)
-    moved = Polyhedron(shape.vertices + errors.table[:, [mode]] * normals, shape.facets)
-    found = model(shape, errors).compared(estimate(errors.modes), cast(moved))
-    good = steep(found) & (np.abs(found.residuals) < 1e4)
-    agrees(found.rows[good, 10:][:, mode], found.residuals[good], 0.04)
-
-
 # --- beams ----------------------------------------------------------------------------------------
 
 
@@ -274,16 +242,3 @@ def test_beams_on_planes(width: float) -> None:
     known.mean[HALF_BEAM] = 0.5 * width
     left = model(shape, beam=width).compared(known, read).residuals[good]
     assert np.abs(left).max() < 0.02 * np.abs(expected).max() + 0.2
-
-
-def test_beams_make_edges_uncertain() -> None:
-    """More so the flatter the ray is, and only if the lidar may have beams."""
-    shape = egg()
-    ranges = cast(shape)
-    narrow, wide = compared(shape, ranges), compared(shape, ranges, beam=2e-3)
-    good = steep(narrow)
-    assert (wide.variances[good] > narrow.variances[good]).all()
-    np.testing.assert_array_equal(wide.rows[good], narrow.rows[good])
-    extra = wide.variances[good] - narrow.variances[good]
-    by_beam = (narrow.rows[good, 9] * 1e-3) ** 2
-    assert np.corrcoef(extra, by_beam)[0, 1] > 0.999

@@ -8,7 +8,7 @@ import pytest
 from navigated_flight import ATTITUDE, MASS, NOISE, PERIOD, Flight, flight, frame, navigation
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from scipy.spatial.transform import Rotation
-from short_flights import BRIEF, PdController, Scripted, kleopatra, short_scenario
+from short_flights import BRIEF, Scripted, kleopatra, short_scenario
 
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
@@ -132,13 +132,12 @@ def test_late_frames_of_known_age() -> None:
     assert off(untold[-1].now, flown.states[-1])[0] > 50.0
 
 
-@pytest.mark.parametrize("share", [0.2])
-def test_false_returns_and_dropout(share: float) -> None:
+def test_false_returns_and_dropout() -> None:
     flown, rng = flight(), np.random.default_rng(4)
     frames = flown.frames.copy()
     frames[rng.uniform(size=frames.shape) < 0.1] = np.inf
     false = rng.uniform(0.0, DEFAULT_GEOMETRY.max_range, frames.shape)
-    false[rng.uniform(size=frames.shape) >= share] = np.inf
+    false[rng.uniform(size=frames.shape) >= 0.2] = np.inf
     steps = follow(flown, np.minimum(frames, false))
     assert phases(steps)[2:] == [FOLLOWING] * 68
     # Not once does it take false returns for true ones, although it knows little at first.
@@ -147,7 +146,7 @@ def test_false_returns_and_dropout(share: float) -> None:
     assert is_close(steps[30].now, flown.states[30])
     assert is_close(steps[-1].now, flown.states[-1])
     rejected = [step.correction.rejected for step in steps[30:] if step.correction]
-    assert np.mean(rejected) > 20.0 * share
+    assert np.mean(rejected) > 4.0
 
 
 ELSEWHERE = np.array([-120e3, 60e3, 90e3])
@@ -186,27 +185,9 @@ def test_lost_says_nothing_and_finds_itself() -> None:
     assert is_close(steps[46].now, flown.states[46])
 
 
-def test_a_push_that_nobody_expected() -> None:
-    """20 m/s at once: it sees it in the next frame, and knows the velocity soon after."""
-    before, after = flight(30), flight(40, (150e3, 20e3, 60e3), 7)
-    # The mean is put to where the second flight starts, with another velocity than that has.
-    steps = follow(before, before.frames)
-    memory = steps[-1].memory
-    assert memory.estimate is not None
-    mean = memory.estimate.mean.copy()
-    mean[:6] = after.states[0] - np.array([0.0, 0.0, 0.0, 15.0, -10.0, 8.0])
-    memory = memory._replace(estimate=memory.estimate._replace(mean=mean))
-    for k in range(1, 40):
-        step = navigator().step(memory, after.frames[k], after.forces[k], PERIOD * (29 + k))
-        memory = step.memory
-        assert memory.phase == FOLLOWING
-    assert is_close(memory.estimate, after.states[-1])
-
-
-@pytest.mark.parametrize("rms", [400.0])
-def test_a_map_that_is_wrong_as_told(rms: float) -> None:
+def test_a_map_that_is_wrong_as_told() -> None:
     """The error of the map is the same from frame to frame, and the covariance knows it."""
-    flown, body = flight(), kleopatra()
+    flown, body, rms = flight(), kleopatra(), 400.0
     true = displaced(body.shape, rms, 15e3, 5)
     expected = ExpectedErrors(surface_rms_m=rms)
     model = FrameModel(body.shape, DEFAULT_GEOMETRY, NOISE, MapError(body.shape, rms, 15e3))
@@ -228,19 +209,6 @@ def test_a_map_that_is_wrong_as_told(rms: float) -> None:
 # --- the system -----------------------------------------------------------------------------------
 
 
-def test_ports() -> None:
-    system = navigation()
-    inputs = {p.get_name(): p.size() for p in map(system.get_input_port, range(2))}
-    outputs = {p.get_name(): p.size() for p in map(system.get_output_port, range(5))}
-    assert inputs == {"ranges": 4320, "commanded_force": 3}
-    assert outputs.pop("return_use") == 4320
-    assert outputs == {"state": 6, "attitude": 4, "covariance": 81, "record": 5}
-    logged = system.logged_ports()
-    assert list(logged) == [f"navigation_{name}" for name in outputs]
-    for name, each in logged.items():
-        assert each.port.get_name() == name.removeprefix("navigation_")
-
-
 def seen(system: LidarNavigation, context) -> dict[str, np.ndarray]:
     names = ("state", "attitude", "covariance", "record")
     return {name: system.GetOutputPort(name).Eval(context).copy() for name in names}
@@ -252,26 +220,6 @@ def told(system: LidarNavigation, ranges: np.ndarray, force: np.ndarray, time: f
     system.GetInputPort("ranges").FixValue(context, ranges)
     system.GetInputPort("commanded_force").FixValue(context, force)
     return context
-
-
-def test_the_first_frame() -> None:
-    system, flown = navigation(), flight()
-    context = told(system, flown.frames[0], np.zeros(3))
-    found = seen(system, context)
-    estimate = system.estimate(context)
-    assert estimate is not None
-    np.testing.assert_array_equal(found["state"], estimate.state)
-    assert np.linalg.norm(found["state"][:3] - flown.states[0, :3]) < 200.0
-    turn = Rotation.from_quat(found["attitude"], scalar_first=True)
-    np.testing.assert_allclose(turn.as_matrix(), estimate.rotation, atol=1e-12)
-    covariance = found["covariance"].reshape(9, 9)
-    np.testing.assert_array_equal(covariance, estimate.covariance[:9, :9])
-    assert (np.linalg.eigvalsh(covariance) > 0.0).all()
-    rms, used, rejected, nis, phase = found["record"]
-    assert 0.3 * NOISE < rms < 1.1 * NOISE
-    assert used + rejected <= np.isfinite(flown.frames[0]).sum()
-    assert nis == pytest.approx(1.0, abs=0.4)
-    assert phase == FOLLOWING
 
 
 def test_false_returns_are_rejected_and_others_used() -> None:
@@ -355,24 +303,6 @@ def on_lidar(**changes: object) -> Scenario:
     return scenario
 
 
-@functools.cache
-def short_log():
-    """300 s by a controller that knows only what the navigation tells it."""
-    scenario = on_lidar(arrival__deadline_s=300.0, arrival__dwell_s=290.0)
-    return fly(scenario, PdController(), body=kleopatra())
-
-
-def test_a_short_flight_knows_where_it_is() -> None:
-    data = short_log().dataset
-    assert data["time"].values[-1] >= 290.0
-    wrong = data["navigation_state"].values[-1] - data["state"].values[-1]
-    assert np.linalg.norm(wrong[:3]) < 10.0
-    assert np.linalg.norm(wrong[3:]) < 0.05
-    believed = Rotation.from_quat(data["navigation_attitude"].values[-1], scalar_first=True)
-    assert np.degrees((believed * ATTITUDE.inv()).magnitude()) < 0.01
-    assert (data["navigation_phase"].values == FOLLOWING).all()
-
-
 def test_a_cloned_context_continues_bit_for_bit() -> None:
     scenario = on_lidar(**BRIEF)
     diagram = make_transit_diagram(
@@ -393,15 +323,9 @@ def test_a_cloned_context_continues_bit_for_bit() -> None:
         np.testing.assert_array_equal(ends[0][name], ends[1][name])
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"truth__lidar__false_returns": 0.1, "disturbance": {}},
-        {"truth__lidar__latency_steps": 1, "mpc__solve_delay_s": 3.0},
-    ],
-)
-def test_the_log_says_what_became_of_each_return(changes: dict, tmp_path: Path) -> None:
+def test_the_log_says_what_became_of_each_return(tmp_path: Path) -> None:
     """The counts were recorded by themselves."""
+    changes = {"truth__lidar__false_returns": 0.1, "mpc__solve_delay_s": 3.0}
     data = fly(on_lidar(**BRIEF, **changes), body=kleopatra()).dataset
     use = data["navigation_return_use"].values
     rows = slice(0, -1)  # The flight may end between two steps.

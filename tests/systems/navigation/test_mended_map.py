@@ -82,13 +82,6 @@ def test_what_is_left_is_what_the_covariance_says() -> None:
     assert (finer.deviations > left.deviations).all()
 
 
-def test_a_map_that_was_taken_to_be_right_is_not_mended() -> None:
-    shape, _, estimate = known()
-    nothing = estimate._replace(mean=np.zeros(BASE), covariance=np.zeros((BASE, BASE)))
-    with pytest.raises(InputError, match=r"not mended.*surface_rms_m"):
-        mended_map(shape, MapError(shape), nothing)
-
-
 # --- files ----------------------------------------------------------------------------------------
 
 
@@ -102,12 +95,13 @@ def test_files_give_it_back(tmp_path: Path) -> None:
     assert error.rest == 5.0
 
 
-def test_a_mesh_without_a_file_of_errors(tmp_path: Path) -> None:
-    shape = octahedron()
-    (tmp_path / "own.obj").write_bytes(mesh_bytes(shape.vertices, shape.facets, ".obj"))
-    loaded, error = load_map(tmp_path / "own.obj", "m")
-    np.testing.assert_array_equal(loaded.vertices, shape.vertices)
-    assert error is None
+def test_what_was_not_learned_is_not_mended() -> None:
+    shape, _, estimate = known()
+    nothing = estimate._replace(mean=np.zeros(BASE), covariance=np.zeros((BASE, BASE)))
+    with pytest.raises(InputError, match=r"not mended.*surface_rms_m"):
+        mended_map(shape, MapError(shape), nothing)
+    with pytest.raises(InputError, match="told its true state"):
+        fly(short_scenario(**BRIEF), PdController(), finished=mended_map_of_flight)
 
 
 def test_errors_of_another_mesh_or_damaged_ones_are_refused(tmp_path: Path) -> None:
@@ -201,11 +195,6 @@ def test_a_scenario_names_the_map_by_which_is_navigated(tmp_path: Path) -> None:
     made = _navigation(scenario, body)
     np.testing.assert_allclose(made.model.shape.vertices, shape.vertices)
     assert made.model.map_error.modes == 0
-
-
-def test_a_flight_on_the_true_state_mends_nothing() -> None:
-    with pytest.raises(InputError, match="told its true state"):
-        fly(short_scenario(**BRIEF), PdController(), finished=mended_map_of_flight)
 
 
 # --- the centre of mass ---------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from known_policies import RAYS, Counting, DeadReckoning, remember, write_policy
 from short_flights import kleopatra
 
 from proxops.systems import InputError, LidarGeometry, NeuralPolicy, PolicyBundle, PolicyStatus
-from proxops.systems.policy import neural_policy, policy_answer
+from proxops.systems.policy import neural_policy
 
 TARGET = np.array([160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
 FRAME = np.full(RAYS, np.inf)
@@ -63,16 +63,6 @@ def test_force_is_clipped(counting: Path) -> None:
     np.testing.assert_array_equal(np.array(weak)[:, 0], np.minimum(np.arange(10.0), 2.5))
 
 
-def test_one_run_of_the_network_a_step(counting: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = []
-    run_network = neural_policy.run_network
-    monkeypatch.setattr(
-        neural_policy, "run_network", lambda *given: calls.append(1) or run_network(*given)
-    )
-    flown(NeuralPolicy(counting), APPLIED)  # Three outputs and the update, each step.
-    assert len(calls) == len(APPLIED)
-
-
 def test_estimate(tmp_path: Path) -> None:
     rows = flown(NeuralPolicy(write_policy(tmp_path / "policy", DeadReckoning())), APPLIED)
     position, velocity = np.array([160e3, 0.0, 0.0]), np.zeros(3)
@@ -100,14 +90,6 @@ def test_two_contexts_do_not_touch(counting: Path) -> None:
     remember(policy, copy)
     remember(policy, copy)
     assert outputs(policy, copy)["force"].tolist() == outputs(policy, context)["force"].tolist()
-
-
-def test_other_failures_of_the_network_end_the_flight(counting: Path) -> None:
-    """A frame of the wrong size: ONNX Runtime raises the same exception as for an index."""
-    bundle, memory = PolicyBundle.load(counting), np.zeros(Counting.MEMORY)
-    with pytest.raises(RuntimeError, match=r"policy failed: .*invalid dimensions") as caught:
-        policy_answer(bundle, FRAME[1:], TARGET, np.zeros(3), memory, 7.0)
-    assert type(caught.value.__cause__).__name__ == "InvalidArgument"
 
 
 def test_a_fault_of_the_program_ends_the_flight(counting: Path, monkeypatch) -> None:

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from short_flights import kleopatra, short_scenario
+from short_flights import short_scenario
 
-from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.simulation import fly
 from proxops.systems import ProportionalDerivative
 
@@ -59,11 +58,3 @@ def test_hangs_beside_the_goal_by_its_weight() -> None:
     assert log.summary["controller"] == "pd"
     assert log.summary["control_ms_median"] is None
     assert (log.dataset["decision"] == 0).all()
-
-
-def test_gains_follow_the_scenario() -> None:
-    scenario = short_scenario(spacecraft__mass_kg=50.0, control_period_s=5.0)
-    controller = named_controller("pd", scenario, kleopatra())
-    assert isinstance(controller, ProportionalDerivative)
-    assert controller.rate == pytest.approx(7.0 / (2.0 * 50.0 * 40.0))
-    assert controller.gain == pytest.approx(50.0 / (2.0 * 5.0))

@@ -14,7 +14,7 @@ from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 LOW, HIGH = np.array([-1.0, 2.0, 0.5]), np.array([1.5, 3.0, 4.0])
-few = settings(max_examples=25)
+few = settings(max_examples=12)
 seeds = st.integers(0, 2**32 - 1)
 # A pebble of a millimetre, a body in metres, a planet.
 sizes = pytest.mark.parametrize("size", [1e-3, 1.0, 1e9])
@@ -121,26 +121,6 @@ def test_shape_cannot_be_changed_behind_its_back() -> None:
 # --- files ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("unit", ["m", "km"])
-@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "STL"])
-def test_formats_load_the_same(tmp_path: Path, suffix: str, unit: str) -> None:
-    mesh = star_shaped(3)
-    mesh.vertices = np.round(mesh.vertices, 3)
-    path = tmp_path / f"body.{suffix}"
-    mesh.export(path, file_type=suffix.lower())
-    shape = Polyhedron.load(path, unit)
-    scale = {"m": 1.0, "km": 1000.0}[unit]
-    # STL and PLY hold single precision.
-    assert shape.volume == pytest.approx(scale**3 * mesh.volume, rel=1e-6)
-    np.testing.assert_allclose(shape.centre_of_mass, scale * mesh.center_mass, atol=1e-6 * scale)
-    np.testing.assert_allclose(shape.extents, scale * mesh.extents, rtol=1e-6)
-    assert shape.facets.shape == mesh.faces.shape
-    assert shape.vertices.shape == mesh.vertices.shape
-    corners = shape.vertices[shape.facets] / scale
-    np.testing.assert_allclose(corners, mesh.triangles, atol=1e-6)
-    assert shape.name == path.name
-
-
 def test_loads_polygons_text_path_and_default_unit(tmp_path: Path) -> None:
     """OBJ facets with four corners, and a path given as text; kilometres unless said otherwise."""
     path = tmp_path / "cube.obj"
@@ -150,32 +130,6 @@ def test_loads_polygons_text_path_and_default_unit(tmp_path: Path) -> None:
     shape = Polyhedron.load(str(path))
     assert shape.facets.shape == (12, 3)
     assert shape.volume == pytest.approx(1e9)
-
-
-def test_trimesh_round_trip() -> None:
-    mesh = star_shaped(5)
-    shape = Polyhedron.from_trimesh(mesh, "km", name="lump")
-    assert shape.name == "lump"
-    back = shape.to_trimesh("km")
-    np.testing.assert_allclose(back.vertices, mesh.vertices, rtol=1e-15)
-    np.testing.assert_array_equal(back.faces, mesh.faces)
-
-
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("words.obj", b"these are only words\n"),
-        ("noise.obj", bytes(range(256)) * 4),
-        ("noise.stl", bytes(range(256)) * 4),
-        ("noise.ply", b"ply\n" + bytes(range(256))),
-        ("picture.png", b"\x89PNG\r\n\x1a\n"),
-    ],
-)
-def test_files_that_hold_no_mesh(tmp_path: Path, name: str, content: bytes) -> None:
-    path = tmp_path / name
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=name):
-        Polyhedron.load(path)
 
 
 # --- refusals -------------------------------------------------------------------------------------
@@ -199,11 +153,6 @@ def _nan(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return v, f
 
 
-def _infinite(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    v[7, 1] = -np.inf
-    return v, f
-
-
 def _duplicate(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Facet 0 with a private copy of its first vertex."""
     f = f.copy()
@@ -219,17 +168,6 @@ def _flat(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return corners, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])
 
 
-def _no_height(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A tetrahedron whose four corners lie in a plane."""
-    size = np.abs(v).max()
-    corners = size * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.3, 0.3, 0]])
-    return corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-
-
-def _degenerate_index(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return v, np.vstack([f, [0, 0, 1]])
-
-
 def _degenerate_area(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A vertex put on the middle of an edge: the facet there has no area."""
     a, b, _ = f[0]
@@ -242,29 +180,16 @@ def _degenerate_area(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.vstack([v, (v[a] + v[b]) / 2]), np.vstack([rest, fill])
 
 
-def _third_facet(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A fin on an edge."""
-    v = np.vstack([v, 2 * v[f[0, 0]]])
-    return v, np.vstack([f, [f[0, 0], f[0, 1], len(v) - 1], [f[0, 1], f[0, 0], len(v) - 1]])
-
-
-def _two_on_an_edge(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two tetrahedra that touch along an edge, which then has four facets."""
-    size = np.abs(v).max()
-    corners = [[0, 0, 0], [0, 0, 1], [1, 0, 0], [0.5, 1, 0.5], [-1, 0, 0], [-0.5, -1, 0.5]]
-    tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-    other = np.array([0, 1, 4, 5])[tetrahedron]
-    return size * np.array(corners), np.vstack([tetrahedron, other])
-
-
 def _index_too_large(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     f[3, 1] = len(v)
     return v, f
 
 
-def _index_negative(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    f[3, 1] = -1
-    return v, f
+def _no_height(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A tetrahedron whose four corners lie in a plane."""
+    size = np.abs(v).max()
+    corners = size * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.3, 0.3, 0]])
+    return corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 
 
 @sizes
@@ -275,16 +200,11 @@ def _index_negative(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarra
         (_flipped, "is inside out"),
         (_mixed, r"mixed winding: .* \(3 such edges"),
         (_nan, "vertex 7 is .*, not finite"),
-        (_infinite, "vertex 7 is .*, not finite"),
         (_duplicate, "1 duplicate vertices"),
         (_flat, "belong to more than two facets|encloses no volume"),
         (_no_height, "encloses no volume"),
-        (_degenerate_index, "1 facets have no area, the first is facet 80"),
         (_degenerate_area, "1 facets have no area"),
-        (_third_facet, "belong to more than two facets"),
-        (_two_on_an_edge, "1 edges belong to more than two facets"),
         (_index_too_large, "names a vertex outside"),
-        (_index_negative, "names a vertex outside"),
     ],
 )
 def test_unsound_mesh_is_refused_at_any_size(size: float, spoil, complaint: str) -> None:
@@ -302,19 +222,6 @@ def test_thin_but_sound_bodies_pass_at_any_size(size: float) -> None:
         low = size * np.array([5.0, -3.0, 4.0])
         shape = Polyhedron(*box(low, low + size * np.array(thin)))
         assert shape.volume == pytest.approx(size**3 * np.prod(thin), rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("vertices", "facets", "complaint"),
-    [
-        (np.zeros((4, 2)), np.zeros((4, 3), int), "must be"),
-        (np.eye(3), np.array([[0, 1, 2]]), "has 1 facets"),
-        (np.empty((0, 3)), np.zeros((4, 3), int), "name vertices, but it has none"),
-    ],
-)
-def test_arrays_of_wrong_shape(vertices: np.ndarray, facets: np.ndarray, complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint):
-        Polyhedron(vertices, facets)
 
 
 def test_the_centre_of_mass_does_not_depend_on_the_order_of_sums() -> None:

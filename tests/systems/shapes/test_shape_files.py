@@ -71,30 +71,28 @@ TABS = {
 }
 
 
-@pytest.mark.parametrize("unit", ["km", "m"])
 @pytest.mark.parametrize("form", TABS)
-def test_plate_models(tmp_path: Path, form: str, unit: str) -> None:
+def test_plate_models(tmp_path: Path, form: str) -> None:
     text, found = TABS[form]
     path = tmp_path / "BODY.TAB"
     path.write_bytes(text.encode())
-    mesh = read_mesh(path, unit)
-    np.testing.assert_array_equal(mesh.vertices, VERTICES * {"km": 1e3, "m": 1.0}[unit])
+    mesh = read_mesh(path, "km")
+    np.testing.assert_array_equal(mesh.vertices, VERTICES * 1e3)
     np.testing.assert_array_equal(mesh.facets, FACETS)
     assert mesh.format == f"PDS plate model ({found}), 8 vertices, 12 facets"
-    assert (mesh.name, mesh.unit) == ("BODY.TAB", unit)
-    assert Polyhedron.load(path, unit).volume > 0
+    assert (mesh.name, mesh.unit) == ("BODY.TAB", "km")
+    assert Polyhedron.load(path, "km").volume > 0
 
 
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
         ("", "could not be read as a mesh: it is empty"),
-        ("# a remark\n\n", "could not be read as a mesh: it holds no rows of numbers"),
         ("8\n" + _rows(VERTICES), "after 8 vertices there is no count of plates"),
         ("8 12\n" + _rows(VERTICES) + _rows(FACETS[:-1] + 1), "counts 8 vertices and 12 plates"),
-        ("8 12\n" + _rows(VERTICES) + _rows(FACETS + 1) + "1 2 3\n", "12 plates, but 8 and 13"),
         ("8 12\n" + _rows(VERTICES, 1)[:-30] + _rows(FACETS + 1, 1), "could not be read"),
         (_rows(VERTICES), "holds no triangles"),
+        ("# a remark\n\n", "it holds no rows of numbers"),
         (
             "8 12\n" + _rows(VERTICES)[1:].replace(" ", " 1 ", 3) + _rows(FACETS),
             "line 2: a row has too few or too many",
@@ -223,12 +221,6 @@ def test_gzip(tmp_path: Path, suffix: str) -> None:
         read_mesh(packed)
 
 
-def test_fortran_exponents(tmp_path: Path) -> None:
-    path = tmp_path / "body.obj"
-    path.write_text(_obj(form="{:.16e}").replace("e", "D"))
-    np.testing.assert_array_equal(read_mesh(path, "m").vertices, POINTS)
-
-
 L_FORM = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2.0]])
 L_VERTICES = np.vstack([np.c_[L_FORM, np.zeros(6)], np.c_[L_FORM, np.ones(6)]])
 
@@ -271,8 +263,8 @@ def test_polygons_that_are_not_convex(tmp_path: Path, suffix: str, start: int) -
     ("polygon", "complaint"),
     [
         ("v 0 0 0\nv 1 0 0\nv 1 1 0.4\nv 0 1 0\nf 1 2 3 4\n", "line 5: a polygon is not planar"),
-        ("v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4\n", "line 5: a polygon .* itself|no area"),
         ("v 0 0 0\nv 3 2 0\nv 3 0 0\nv 0 1 0\nf 1 2 3 4\n", "line 5: a polygon crosses itself"),
+        ("v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4\n", "line 5: a polygon has no area"),
         ("v 0 0 0\nv 1 0 0\n\nv 1 1 0\nf 1 2\n", "line 5: a facet has fewer than 3 corners"),
         ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 9\n", "line 4: a facet names a vertex .* there are 3"),
         ("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 0 1 2\n", "line 4: a facet names vertex 0; the first is 1"),
@@ -289,13 +281,6 @@ def test_a_line_that_is_not_understood_is_named(
     path.write_text(polygon)
     with pytest.raises(InputError, match=complaint):
         read_mesh(path)
-
-
-def test_rough_quadrilaterals_are_read(tmp_path: Path) -> None:
-    """They are planar to a few per cent of their size only."""
-    path = tmp_path / "body.obj"
-    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0.1\nv 0 1 0\nf 1 2 3 4\n")
-    np.testing.assert_array_equal(read_mesh(path).facets, [[0, 1, 2], [0, 2, 3]])
 
 
 def _binary_ply(order: str, more: bytes = b"", comment: bytes = b"comment gr\xf6\xdfe\n") -> bytes:
@@ -327,6 +312,9 @@ def test_ply_is_read_as_it_is(tmp_path: Path, content: bytes, capsys) -> None:
     assert capsys.readouterr() == ("", "")
     path.write_bytes(content[:-60])
     with pytest.raises(InputError, match=r"face announced, \d+ there: the file is cut"):
+        read_mesh(path)
+    path.write_bytes(b"noise")
+    with pytest.raises(InputError, match="no header of a PLY file"):
         read_mesh(path)
 
 

@@ -86,25 +86,6 @@ def test_an_axis_fails_when_it_does() -> None:
             assert system.GetOutputPort(name).Eval(context).tolist() == [1.0, y, 3.0]
 
 
-def test_outputs_follow_their_inputs_and_nothing_else() -> None:
-    """What is cached stays valid as time goes on, unless an axis fails."""
-    for errors in (ThrusterErrors(), ThrusterErrors(failed_axis=0, failure_time=1e6)):
-        system = ActualThrust(errors, PERIOD, 220.0)
-        context = system.CreateDefaultContext()
-        system.GetInputPort("force").FixValue(context, np.array([1.0, 2.0, 3.0]))
-        attitude = system.GetInputPort("attitude").FixValue(context, np.array(IDENTITY))
-        for name in ("thrust", "force", "mass_flow"):
-            port = system.GetOutputPort(name)
-            port.Eval(context)
-            entry = system.get_cache_entry(port.cache_entry().cache_index())
-            assert not entry.is_out_of_date(context)
-            context.SetTime(context.get_time() + 1.0)
-            assert entry.is_out_of_date(context) == (errors.failed_axis is not None)
-            port.Eval(context)
-            attitude.GetMutableData()
-            assert entry.is_out_of_date(context) == (name == "force")
-
-
 def test_mass_flow_by_hand() -> None:
     errors = ThrusterErrors(scale=(1.0, 0.5, 1.0), direction=(0.0, 0.3, 0.0))
     out = outputs([3.0, -4.0, 1.0], errors, specific_impulse=220.0)

@@ -75,33 +75,8 @@ def test_against_integrated_kinematics() -> None:
     assert rotation(found).as_matrix() == pytest.approx(R_NK.T @ R_NS, abs=1e-10)
 
 
-def test_phase_alone_turns_about_z() -> None:
-    """The spacecraft believes that K is ahead: its x axis points towards K's +y."""
-    system = AttitudeError(believed_spin=SPIN, true_spin=(0.0, 0.0, SPIN), phase=0.1)
-    x_axis = rotation(attitude(system, 500.0)).apply([1.0, 0.0, 0.0])
-    assert x_axis == pytest.approx([np.cos(0.1), np.sin(0.1), 0.0], abs=1e-14)
-
-
-def test_rate_error_grows_with_time() -> None:
-    system = AttitudeError(believed_spin=SPIN, true_spin=(0.0, 0.0, SPIN * (1.0 + 1e-4)))
-    turned = [rotation(attitude(system, time)).as_rotvec()[2] for time in (1000.0, 7200.0)]
-    assert turned == pytest.approx([-1e-1 * SPIN, -7.2e-1 * SPIN], rel=1e-9)
-
-
 def test_continuous_in_time() -> None:
     """The quaternion itself, with its sign, so that a log of it can be interpolated."""
     system = AttitudeError(varying_std=1e-3, believed_spin=SPIN, true_spin=TRUE, phase=PHASE)
     path = np.array([attitude(system, time) for time in np.arange(0.0, 30_000.0, 20.0)])
     assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 1e-3
-
-
-def test_the_output_follows_time_and_seed() -> None:
-    system = AttitudeError(varying_std=1e-3, believed_spin=SPIN, true_spin=(0.0, 0.0, SPIN))
-    port, context = system.GetOutputPort("attitude"), system.CreateDefaultContext()
-    seen = []
-    for time, seed in ((0.0, 0), (15.0, 0), (15.0, 1)):
-        context.SetTime(time)
-        system.set_seed(context, seed)
-        seen.append(tuple(port.Eval(context)))
-    assert len(set(seen)) == 3
-    assert not system.HasAnyDirectFeedthrough()

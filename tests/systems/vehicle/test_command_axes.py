@@ -34,11 +34,6 @@ def test_each_axis_of_s_has_the_limit() -> None:
     assert turned([7.0, 7.0, -7.0], eighth) == pytest.approx([7.0, 0.0, -7.0], abs=1e-14)
 
 
-def test_the_identity_changes_no_bit() -> None:
-    force = np.random.default_rng(1).uniform(-7.0, 7.0, 3)
-    assert np.array_equal(turned(force, [1.0, 0.0, 0.0, 0.0]), force)
-
-
 def test_true_thrust_undoes_it_where_the_attitude_is_right() -> None:
     draws = np.random.default_rng(2)
     for _ in range(20):
@@ -49,8 +44,3 @@ def test_true_thrust_undoes_it_where_the_attitude_is_right() -> None:
         thrust.GetInputPort("force").FixValue(context, turned(force, attitude))
         thrust.GetInputPort("attitude").FixValue(context, attitude)
         assert thrust.GetOutputPort("force").Eval(context) == pytest.approx(force, abs=1e-12)
-
-
-def test_what_is_not_finite_stays_so() -> None:
-    assert np.isnan(turned([np.nan, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])).any()
-    assert np.isnan(turned([np.inf, 0.0, 0.0], [HALF, 0.0, 0.0, HALF])).any()

@@ -36,7 +36,7 @@ def value(simulator: Simulator, hold: DelayedHold) -> list[float]:
 
 # With 0.1 s, k T + T and (k + 1) T differ in the last bit for some k.
 @pytest.mark.parametrize("period", [10.0, 0.1, 0.7])
-@pytest.mark.parametrize("share", [0.02, 0.999, 1.0])
+@pytest.mark.parametrize("share", [0.02, 1.0])
 def test_samples_take_effect_a_delay_later(period: float, share: float) -> None:
     delay = share * period
     simulator, hold = simulator_of(period, delay)

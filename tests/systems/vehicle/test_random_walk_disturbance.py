@@ -9,25 +9,6 @@ from proxops.systems import RandomWalkDisturbance
 from proxops.systems.common.counter_noise import generator
 
 
-def test_zero_command_passes_unchanged():
-    forces = walks(RandomWalkDisturbance(7.0), constant([0, 0, 0], 200))
-    assert np.array_equal(forces, np.zeros((200, 3)))
-
-
-def test_no_increment_or_no_magnitude_passes_the_command():
-    commands = constant([3.0, -2.0, 1.0], 30)
-    for disturbance in (
-        RandomWalkDisturbance(7.0, increment_std=0.0),
-        RandomWalkDisturbance(7.0, max_relative_magnitude=0.0),
-    ):
-        assert np.array_equal(walks(disturbance, commands), commands)
-
-
-def test_outside_the_limits_a_command_is_clipped():
-    disturbance = RandomWalkDisturbance(7.0, increment_std=0.0)
-    assert walks(disturbance, constant([9.0, -8.0, 1.0], 1)).tolist() == [[7.0, -7.0, 1.0]]
-
-
 def test_walk_is_the_sum_of_increments_since_the_reset():
     """With a command so strong that the bound never binds."""
     command = [1e6, 0.0, 0.0]

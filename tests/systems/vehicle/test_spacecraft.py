@@ -244,20 +244,6 @@ def test_about_z_both_forms_agree():
         assert about_z == pytest.approx(plain, rel=1e-13)
 
 
-def test_a_number_about_z_through_another_point():
-    """At rest on the axis it stays at rest; elsewhere it is flung away from the axis."""
-    for spin in (SPIN, (0.0, 0.0, SPIN)):
-        start = np.append(AXIS_POINT + [0.0, 0.0, 7e3], np.zeros(3))
-        craft = Spacecraft(100.0, spin, start, axis_point=AXIS_POINT)
-        simulator = as_flights_do(craft, no_gravity())
-        simulator.AdvanceTo(100.0)
-        assert state_of(simulator, craft) == pytest.approx(start, abs=1e-12)
-        context = craft.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-        context.SetContinuousState(np.append(AXIS_POINT + [1e3, 0.0, 0.0], np.zeros(3)))
-        rates = craft.EvalTimeDerivatives(context).CopyToVector()
-        assert rates == pytest.approx([0, 0, 0, SPIN**2 * 1e3, 0, 0], rel=1e-12)
-
-
 def test_propellant_against_tsiolkovsky():
     """A burn along x without gravity or spin, from 100 kg to 60 kg."""
     exhaust, thrust, burnt = 220.0 * 9.80665, 7.0, 40.0
@@ -277,21 +263,6 @@ def test_propellant_against_tsiolkovsky():
     assert state.size == 6
     assert craft.GetOutputPort("position").Eval(context).tolist() == state[:3].tolist()
     assert craft.GetOutputPort("velocity").Eval(context).tolist() == state[3:].tolist()
-
-
-def test_nothing_burnt_is_a_constant_mass():
-    start = np.array([150e3, 20e3, 30e3, -5.0, 18.0, -6.0])
-    ends = []
-    for flow in (None, 0.0):
-        craft = Spacecraft(100.0, SPIN, start, burns_propellant=flow is not None)
-        simulator = as_flights_do(craft, PointMass(), (1.0, 2.0, 3.0), flow)
-        simulator.AdvanceTo(500.0)
-        ends.append(state_of(simulator, craft).tolist())
-    assert ends[0] == ends[1]
-    plain = Spacecraft(100.0, SPIN)
-    assert not plain.HasInputPort("mass_flow")
-    assert not plain.HasOutputPort("mass")
-    assert plain.num_continuous_states() == 6
 
 
 def test_propellant_that_is_used_up_says_so():

@@ -37,10 +37,3 @@ def test_function_of_seed_and_step() -> None:
     for time in (70.0, 69.99999999999999, 74.0, 79.9):  # All within step 7.
         context.SetTime(time)
         np.testing.assert_array_equal(noise.GetOutputPort("state").Eval(context) - STATE, one[7])
-
-
-def test_none_is_none() -> None:
-    assert not errors(StateNoise(), 5).any()
-    only = errors(StateNoise(0.0, 0.1), 5)
-    assert not only[:, :3].any()
-    assert only[:, 3:].all()

@@ -45,11 +45,6 @@ def test_prediction_is_the_motion(state: np.ndarray, duration: float) -> None:
     assert found[3:] == pytest.approx(expected[3:], abs=1e-5)
 
 
-def test_no_time_no_motion() -> None:
-    field = kleopatra().gravity_field
-    assert predicted_state(STATES[0], FORCE, 0.0, field, MASS, SPIN).tolist() == STATES[0].tolist()
-
-
 @pytest.mark.parametrize("state", STATES)
 def test_push_is_found_and_added(state: np.ndarray) -> None:
     field, push = kleopatra().gravity_field, np.array([2e-3, -5e-3, 1e-3])

@@ -40,12 +40,6 @@ def test_as_often_and_as_large_as_stated():
     assert waits.std() == pytest.approx(np.sqrt(8.0 * 7.0), rel=0.15)
 
 
-def test_a_function_of_seed_and_step():
-    kicks = VelocityKicks(mean_interval=20.0, seed=7)
-    assert np.array_equal(changes(kicks, 50, 7), changes(kicks, 50, 7))
-    assert not np.array_equal(changes(kicks, 50, 7), changes(kicks, 50, 8))
-
-
 def test_what_acts_is_held_between_control_steps():
     kicks = VelocityKicks(mean_interval=20.0, seed=2)
     simulator = Simulator(kicks)

@@ -17,7 +17,7 @@ from flight_folders import FLIGHTS, copy_flights, flight
 
 from proxops.diagrams.scenario.scenario import dump_scenario, parse_scenario
 from proxops.systems import InputError
-from proxops.training.data import PackedFlights, pack_flights, packing
+from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.data.packed_flights import INDEX
 
 
@@ -46,7 +46,7 @@ def rows_of(packed: PackedFlights, name: str) -> np.ndarray:
 # --- what is in it --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", list(FLIGHTS))
+@pytest.mark.parametrize("name", ["a-0", "a-4"])
 def test_columns_are_the_logs(packed: PackedFlights, name: str) -> None:
     log, rows = flight(name).dataset, rows_of(packed, name)
     assert len(rows) == flight(name).summary["steps"]
@@ -54,7 +54,7 @@ def test_columns_are_the_logs(packed: PackedFlights, name: str) -> None:
         np.testing.assert_array_equal(getattr(packed, column)[rows], log[column][: len(rows)])
 
 
-@pytest.mark.parametrize("name", list(FLIGHTS))
+@pytest.mark.parametrize("name", ["a-0", "a-4"])
 def test_frames_are_the_logs(packed: PackedFlights, name: str) -> None:
     rows = rows_of(packed, name)
     frames = packed.frames(rows)
@@ -63,7 +63,7 @@ def test_frames_are_the_logs(packed: PackedFlights, name: str) -> None:
     np.testing.assert_array_equal(packed.frames(rows[[7, 2]]), frames[[7, 2]])
 
 
-@pytest.mark.parametrize("name", list(FLIGHTS))
+@pytest.mark.parametrize("name", ["a-0", "a-4"])
 def test_commanded_force_is_that_before_the_step(packed: PackedFlights, name: str) -> None:
     rows = rows_of(packed, name)
     data = flight(name).dataset
@@ -84,26 +84,6 @@ def test_command_and_disturbance_explain_the_motion(packed: PackedFlights) -> No
     assert np.abs(np.diff(shifted, axis=0)).max() > 5e-3
 
 
-def test_kicks(logs: Path, packed: PackedFlights) -> None:
-    assert not packed.kick.any()
-    kick = np.zeros((len(flight("a-0").dataset["time"]), 3))
-    kick[4] = [0.1, 0.0, -0.2]
-    data = flight("a-0").dataset.assign(kick=(("time", "axis"), kick))
-    data.to_netcdf(logs / "a-0.nc", engine="h5netcdf")
-    again = pack_flights(logs)
-    np.testing.assert_array_equal(again.kick[rows_of(again, "a-0")], kick[:-1])
-
-
-def test_flights_of_one_transit_share_a_part(packed: PackedFlights) -> None:
-    parts = {each.name: each.part for each in packed.flights}
-    assert parts["a-1.nc"] == parts["b-1.nc"]
-    first_five = [parts[f"a-{index}.nc"] for index in range(5)]
-    assert sorted(first_five) == ["test", "training", "training", "training", "validation"]
-    assert [each.name for each in packed.part("test")] == [
-        name for name, part in parts.items() if part == "test"
-    ]
-
-
 def test_normalisation_is_of_the_training_part(packed: PackedFlights) -> None:
     rows = np.concatenate([rows_of(packed, each.name[:-3]) for each in packed.part("training")])
     assert 0 < len(rows) < len(packed)
@@ -122,33 +102,6 @@ def test_normalisation_is_of_the_training_part(packed: PackedFlights) -> None:
 # --- when it is made ------------------------------------------------------------------------------
 
 
-def test_packed_once(logs: Path) -> None:
-    told: list[tuple[float, str]] = []
-    first = pack_flights(logs, progress=lambda *done: told.append(done))
-    count = len(FLIGHTS)
-    assert told == [(k / count, f"packing, {k} of {count}") for k in range(1, count + 1)]
-    again = pack_flights(logs, progress=lambda *done: told.append(done))
-    assert len(told) == len(FLIGHTS)
-    assert again.logs_sha256 == first.logs_sha256
-    assert {path.name for path in logs.iterdir()} == {
-        "packed", ".packed.lock", *(f"{name}.nc" for name in FLIGHTS)
-    }  # fmt: skip
-
-
-def test_follows_the_logs(logs: Path) -> None:
-    first = pack_flights(logs)
-    flight("a-0").to_netcdf(logs / "a-1.nc")
-    second = pack_flights(logs)
-    assert second.logs_sha256 != first.logs_sha256
-    np.testing.assert_array_equal(
-        second.state[rows_of(second, "a-1")], flight("a-0").dataset["state"][:-1]
-    )
-    (logs / "a-1.nc").unlink()
-    assert [each.name for each in pack_flights(logs).flights] == [
-        f"{name}.nc" for name in FLIGHTS if name != "a-1"
-    ]
-
-
 def test_follows_a_change_that_keeps_the_size(logs: Path) -> None:
     before = pack_flights(logs)
     path, size = logs / "a-2.nc", (logs / "a-2.nc").stat().st_size
@@ -161,34 +114,6 @@ def test_follows_a_change_that_keeps_the_size(logs: Path) -> None:
     changed = np.argwhere(after.state != before.state)
     assert changed.tolist() == [[rows_of(after, "a-2")[3], 0]]
     assert after.state[changed[0][0], 0] == 1.5e5
-
-
-def test_the_same_logs_give_the_same_files(tmp_path: Path, packed: PackedFlights) -> None:
-    again = pack_flights(copy_flights(tmp_path), tmp_path / "elsewhere")
-    assert again.folder == tmp_path / "elsewhere"
-    for path in packed.folder.iterdir():
-        assert (again.folder / path.name).read_bytes() == path.read_bytes(), path.name
-
-
-def test_a_failure_leaves_nothing(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (logs / "a-3.nc").write_bytes((logs / "a-3.nc").read_bytes()[:20_000])
-    with pytest.raises(InputError, match=r"a-3\.nc is not a flight log"):
-        pack_flights(logs)
-    assert not (logs / "packed").exists()
-    assert not list(logs.glob(".packed.*.folder"))
-
-
-def test_a_full_disk(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = pack_flights(logs).logs_sha256
-    (logs / "b-5.nc").unlink()
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(packing, "read_columns", full)
-    with pytest.raises(InputError, match=r"cannot write .*packed: No space left"):
-        pack_flights(logs)
-    assert PackedFlights(logs / "packed").logs_sha256 == before
 
 
 def test_leftovers_of_a_killed_process_are_cleared(logs: Path) -> None:
@@ -216,12 +141,6 @@ def pack_elsewhere(folder: Path, killed_at: int = 0) -> "subprocess.Popen[str]":
 
 
 @pytest.mark.slow
-def test_several_processes_pack_once(logs: Path) -> None:
-    told = [process.communicate()[0] for process in [pack_elsewhere(logs) for _ in range(3)]]
-    assert sorted(len(text.split()) for text in told) == [0, 0, len(FLIGHTS)]
-
-
-@pytest.mark.slow
 def test_a_killed_process_leaves_the_old_set(logs: Path) -> None:
     before = pack_flights(logs).logs_sha256
     (logs / "b-5.nc").unlink()
@@ -232,9 +151,6 @@ def test_a_killed_process_leaves_the_old_set(logs: Path) -> None:
     assert PackedFlights(logs / "packed").logs_sha256 == before
     assert len(pack_flights(logs).flights) == len(FLIGHTS) - 1
     assert not list(logs.glob(".packed.*.folder"))
-
-
-# --- what is refused ------------------------------------------------------------------------------
 
 
 def test_the_folder_above_the_logs(logs: Path) -> None:
@@ -249,6 +165,9 @@ def test_no_training_flights(logs: Path) -> None:
         (logs / each.name).unlink()
     with pytest.raises(InputError, match="none of its transits is of the training part"):
         pack_flights(logs)
+
+
+# --- what is refused ------------------------------------------------------------------------------
 
 
 Change = Callable[[xr.Dataset], xr.Dataset]
@@ -284,10 +203,8 @@ def with_scenario(**changes: float) -> Change:
         (with_values("state", (3, 2), np.nan), "state is not finite at row 3 of 16"),
         (with_values("ranges", (6, 1, 7), -5.0), "ranges is negative or NaN at row 6"),
         (with_values("mpc_force", (3, 1), np.nan), "mpc_force is NaN on some axes only at row 3"),
-        (with_scenario(lidar__rays=180), r"ranges has the shape .* must be \(16, 12, 180\)"),
         (with_scenario(lidar__max_range_m=1e5), r"differ in max_range_m \(100000.0 and 350000.0\)"),
         (lambda data: data.assign_attrs(shape_sha256="0" * 64), "differ in shape_sha256"),
-        (lambda data: data.assign_attrs(body="name: Eros\n"), "differ in body: flights"),
         (lambda data: data.assign_attrs(scenario="nonsense: 1"), "the scenario in it: .*nonsense"),
     ],
 )
@@ -295,14 +212,6 @@ def test_a_log_that_does_not_fit(logs: Path, change: Change, message: str) -> No
     change(flight("a-1").dataset).to_netcdf(logs / "a-1.nc", engine="h5netcdf")
     with pytest.raises(InputError, match=rf"a-1\.nc.*{message}"):
         pack_flights(logs)
-
-
-def test_masses_may_differ_a_little(logs: Path) -> None:
-    """As dispersions draw them; the set has their mean."""
-    with_scenario(spacecraft__mass_kg=97.0)(flight("a-1").dataset).to_netcdf(
-        logs / "a-1.nc", engine="h5netcdf"
-    )
-    assert pack_flights(logs).setting.mass_kg == pytest.approx(100.0 - 3.0 / len(FLIGHTS))
 
 
 def test_damaged_frames(logs: Path) -> None:

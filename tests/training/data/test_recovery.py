@@ -1,7 +1,6 @@
 """The kinds of flights in a training set: how many of each, and where they start."""
 
 import collections
-import dataclasses as dc
 
 import numpy as np
 import pytest
@@ -14,12 +13,6 @@ from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.transits import scenario_transit, transit_set
 from proxops.systems import InputError
-from proxops.systems.vehicle import (
-    ForceNoiseConfig,
-    KicksConfig,
-    PointMassConfig,
-    RandomWalkDisturbanceConfig,
-)
 from proxops.training.data.recovery import KINDS, MIXES, flight_scenario, kind_of, parse_mix
 
 AXES = np.array([140e3, 70e3, 65e3])
@@ -43,14 +36,6 @@ def starts(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 # --- mixes ----------------------------------------------------------------------------------------
 
 
-def test_the_paper_s_mix() -> None:
-    """100 of 400 nominal, and of both kinds three in ten go round the body."""
-    kinds = [kind_of(parse_mix("paper"), index) for index in range(400)]
-    assert collections.Counter(kinds) == {"nominal": 100, "random_walk": 300}
-    blocked = collections.Counter(kinds[index] for index in range(400) if index % 10 in (1, 4, 7))
-    assert blocked == {"nominal": 30, "random_walk": 90}
-
-
 @pytest.mark.parametrize("text", [*MIXES, "holding", "noise=5,kicks=2", "nominal=1,noise=0"])
 def test_shares_are_kept_all_along(text: str) -> None:
     mix = parse_mix(text) if "=" in text or text in MIXES else parse_mix(f"{text}=1")
@@ -62,13 +47,6 @@ def test_shares_are_kept_all_along(text: str) -> None:
             # A shift of the cycle repeats or leaves out one place.
             behind = abs(kinds[:end].count(kind) - end * weight / total)
             assert behind <= 2.0 + end / (total * 10)
-
-
-def test_every_kind_meets_every_sort_of_transit() -> None:
-    mix = parse_mix("full")
-    total = 20 * sum(mix.values())
-    met = {(kind_of(mix, index), index % 10) for index in range(total)}
-    assert len(met) == 10 * len(mix)
 
 
 @pytest.mark.parametrize(
@@ -101,30 +79,6 @@ def test_goals_are_the_set_s_and_scenarios_are_sound(kind: str) -> None:
         assert np.array_equal(scenario_transit(scenario, kleopatra()).goal, transit.goal)
         assert flown(kind, index) == scenario
     assert flown(kind, 0, seed=4) != flown(kind, 0)
-
-
-def test_what_disturbs() -> None:
-    """Each kind has its own disturbance, with the settings of the scenario, and no other."""
-    wanted = load_scenario(None, ["disturbance={increment_std_n: 0.1}", "kicks={}"])
-    found = {}
-    for kind in KINDS:
-        scenario = flown(kind, 0, wanted)
-        assert scenario.transit.start_velocity_m_s is None or kind in (
-            "overshoot", "keep_out", "holding",
-        )  # fmt: skip
-        found[kind] = (scenario.disturbance, scenario.force_noise, scenario.kicks)
-    nothing = (None, None, None)
-    assert found == {
-        "nominal": nothing,
-        "random_walk": (RandomWalkDisturbanceConfig(increment_std_n=0.1), None, None),
-        "noise": (None, ForceNoiseConfig(), None),
-        "kicks": (None, None, KicksConfig()),
-        "overshoot": nothing,
-        "keep_out": nothing,
-        "holding": nothing,
-    }
-    noisy = dc.replace(wanted, force_noise=ForceNoiseConfig(std_n=3.0))
-    assert flown("noise", 0, noisy).force_noise == ForceNoiseConfig(std_n=3.0)
 
 
 def test_overshoot_starts_beyond_the_goal_and_moves_away() -> None:
@@ -194,15 +148,3 @@ def test_where_no_start_is_to_be_found() -> None:
     wanted = load_scenario(None, slow_craft)
     with pytest.raises(InputError, match="no start was found for flight 0 of seed 3, kind oversh"):
         flown("overshoot", 0, wanted)
-
-
-def test_what_disturbs_a_weaker_and_slower_craft_is_weaker_and_slower() -> None:
-    """Half the thrust and the speed, twice the period: the same shares of these."""
-    wanted = Scenario(control_period_s=20.0)
-    wanted.spacecraft = PointMassConfig(thrust_limit_n=3.5, speed_limit_m_s=20.0)
-    assert flown("random_walk", 0, wanted).disturbance == RandomWalkDisturbanceConfig(
-        reset_period_s=200.0, max_relative_magnitude=2.0, increment_std_n=0.25
-    )
-    noise = flown("noise", 0, wanted).force_noise
-    assert noise == ForceNoiseConfig(std_n=0.35, correlation_time_s=200.0)
-    assert flown("kicks", 0, wanted).kicks == KicksConfig(1.0, 1800.0)

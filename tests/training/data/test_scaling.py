@@ -1,18 +1,14 @@
 """A small body's pilot and its examples are those of a large body in smaller units."""
 
 import dataclasses as dc
-from pathlib import Path
 
 import numpy as np
-import pytest
 import torch
-from flight_folders import copy_flights
 from short_flights import kleopatra
 
 from proxops.systems import ray_directions
 from proxops.systems.shapes.ray_casting import ray_caster
-from proxops.training.data.packing import pack_flights
-from proxops.training.data.scaling import Scaling, scaling_for, scaling_of
+from proxops.training.data.scaling import Scaling, scaling_for
 from proxops.training.networks.pilot_network import PilotDimensions
 from proxops.training.networks.state_filter import MEMORY
 from proxops.training.recipes.pilot_losses import estimate_error, force_loss
@@ -86,13 +82,3 @@ def test_losses_of_similar_errors_are_the_same():
         estimate_error(SMALL * estimate, SMALL * state, scaling),
         estimate_error(estimate, state, Scaling()),
     )
-
-
-@pytest.mark.slow
-def test_a_setting_tells_how_large_it_is(tmp_path: Path):
-    packed = pack_flights(copy_flights(tmp_path))
-    assert scaling_of(packed.setting) == Scaling(1.0, 1.0, 1.0)
-    halved = dc.replace(packed.setting, mass_kg=4.0 * packed.setting.mass_kg)
-    assert scaling_of(halved) == Scaling(1.0, 0.5, 0.25)
-    body = packed.setting.body.replace("140000.0", "70000.0")
-    assert scaling_of(dc.replace(packed.setting, body=body)).length == 0.5

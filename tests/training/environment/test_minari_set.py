@@ -1,20 +1,17 @@
 """Flights as a data set of Minari: read by Minari, and held against the environment's own steps."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import minari
 import numpy as np
 import pytest
 from minari import EpisodeData
-from short_flights import falling_flight, short_scenario
+from short_flights import falling_flight
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import change_scenario, load_scenario, of_transit
 from proxops.systems import InputError
 from proxops.training.environment import (
-    VIOLATION,
     TransitEnvironment,
     check_minari_name,
     write_minari,
@@ -79,33 +76,6 @@ def _row(episode: EpisodeData, index: int) -> dict[str, np.ndarray]:
     return {name: value[index] for name, value in episode.observations.items()}
 
 
-def test_arrival_collision_and_what_is_unknown() -> None:
-    arrives = fly(short_scenario(log_ranges=False))
-    scenario = arrives.scenario
-    # Nothing returns from so far away.
-    changes = {"navigation": {}, "lidar__max_range_m": 10e3, "arrival__deadline_s": 50.0}
-    unknown = fly(short_scenario(log_ranges=False, **changes), "pd")
-    write_minari("three-v2", [arrives, falling_flight(), unknown], scenario, 3)
-    good, fallen, first = minari.load_dataset("three-v2").iterate_episodes()
-    assert arrives.summary["success"]
-    assert good.terminations.tolist()[-2:] == [False, True]
-    assert good.rewards[-1] > 0.9
-    assert np.sum(good.rewards[:-1] > 0.9) == 0
-    assert falling_flight().summary["collided"]
-    assert fallen.terminations[-1]
-    # It enters the keep-out ellipsoid, and later it collides, a step before the end of its log.
-    broken = np.flatnonzero(fallen.rewards < 0.9 * VIOLATION)
-    assert len(broken) == 2
-    assert broken[-1] == len(fallen.rewards) - 1
-    assert isinstance(first.observations, dict)
-    known = first.observations["known"][:, 0]
-    assert len(known) == len(unknown.dataset["time"])
-    assert not known.any()
-    assert not first.observations["state"].any()
-    none = next(iter(minari.load_dataset("three-v2").storage.get_episode_metadata([0])))
-    assert "options" not in none
-
-
 def test_nothing_half_written_stays() -> None:
     log = falling_flight()
 
@@ -118,25 +88,3 @@ def test_nothing_half_written_stays() -> None:
     write_minari("half-v0", [log], log.scenario, 0)
     with pytest.raises(InputError, match=r"has a data set 'half-v0' already, in .*: choose"):
         check_minari_name("half-v0")
-
-
-@pytest.mark.slow
-def test_gymnasium_alone_is_enough_to_fly() -> None:
-    """Without Minari there are transits, but no data sets."""
-    code = """
-import sys
-sys.modules["minari"] = None
-import gymnasium
-name = "proxops.training.environment:proxops/Transit-v0"
-gymnasium.make_vec(name, num_envs=2, changes={"gravity": "exact"}).reset(seed=1)
-from proxops.systems import InputError
-from proxops.training.environment import check_minari_name
-try:
-    check_minari_name("proxops/one-v0")
-except InputError as error:
-    print(error)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
-    assert (done.returncode, done.stderr) == (0, "")
-    complaint = "the package minari is not installed: run make gym, or pip install 'proxops[gym]'"
-    assert done.stdout == f"{complaint}\n"

@@ -6,7 +6,6 @@ import functools
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hn
@@ -20,7 +19,6 @@ from proxops.training.environment import TransitBatch, TransitEnvironment
 EXACT = {"gravity": "exact"}
 TRUE = dc.replace(load_scenario(), navigation=TrueStateConfig())
 SEED = 10000
-SHORT = {"arrival.deadline_s": 95.0, "arrival.dwell_s": 10.0}
 
 
 def batch(number: int = 2, **options) -> TransitBatch:
@@ -111,26 +109,6 @@ def test_frames_are_those_of_the_diagram() -> None:
         np.testing.assert_allclose(seen["ranges"][1], alone["ranges"], rtol=1e-6)
         seen = many.step(np.full((2, 3), 0.3))[0]
         alone = one.step(np.full(3, 0.3))[0]
-
-
-def test_what_is_over_begins_anew() -> None:
-    """In the next step, which ignores the action and earns nothing; the deadline cuts a step."""
-    many = batch(2, changes=EXACT | SHORT)
-    assert many.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
-    _, first = many.reset(seed=5)
-    for _ in range(10):
-        _, _, terminated, truncated, _ = many.step(np.zeros((2, 3)))
-        assert not (terminated | truncated).any()
-    _, _, terminated, truncated, info = many.step(np.zeros((2, 3)))
-    assert truncated.all()
-    assert not terminated.any()
-    assert info["time_s"].tolist() == [105.0, 105.0]
-    assert info["_time_s"].all()
-    seen, rewards, terminated, truncated, info = many.step(np.ones((2, 3)))
-    assert not rewards.any()
-    assert not (terminated | truncated).any()
-    assert set(info["transit"]).isdisjoint(first["transit"])
-    assert not seen["state"][:, 3:].any()
 
 
 def test_a_limit_of_steps_cuts_as_that_of_one_does() -> None:

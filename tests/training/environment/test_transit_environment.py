@@ -21,12 +21,10 @@ from proxops.diagrams.scenario import (
 )
 from proxops.systems import InputError
 from proxops.training.environment import (
-    ARRIVAL,
     FUEL,
     VIOLATION,
     TransitBatch,
     TransitEnvironment,
-    step_reward,
 )
 
 # With a limit of 8 N, forces over the limit are exact.
@@ -117,12 +115,6 @@ def test_rewards_are_progress_less_fuel() -> None:
     assert sum(rewards) == pytest.approx(1.0 - way[-1] / way[0] - fuel, rel=1e-3)
 
 
-def test_the_outcome_counts() -> None:
-    assert step_reward(5.0, 100.0, 2.0, 40.0, False, 0) == pytest.approx(0.05 - FUEL * 0.05)
-    assert step_reward(0.0, 100.0, 0.0, 40.0, True, 0) == ARRIVAL
-    assert step_reward(0.0, 100.0, 0.0, 40.0, False, 2) == 2.0 * VIOLATION
-
-
 @pytest.mark.parametrize("observation", ["state", "lidar"])
 def test_gymnasiums_own_checks(observation: str) -> None:
     check_env(made(observation=observation))
@@ -154,23 +146,6 @@ def test_a_step_needs_a_reset() -> None:
         TransitEnvironment(changes=SHORT).step(np.zeros(3))
 
 
-def test_a_seed_draws_a_transit() -> None:
-    env = made()
-    first, told = env.reset(seed=7)
-    again, same = env.reset(seed=7)
-    other, _ = env.reset()
-    assert told == same
-    assert np.array_equal(first["goal"], again["goal"])
-    assert not np.array_equal(first["goal"], other["goal"])
-
-
-def test_worlds_are_drawn_from_dispersions() -> None:
-    env = made(dispersions="after_survey")
-    env.reset(options={"transit": 2})
-    assert env._episode is not None
-    assert env._episode.flown.world.scenario.dispersed
-
-
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
@@ -200,17 +175,3 @@ def test_pictures_of_an_episode() -> None:
     assert shown[0].shape == (540, 960, 3)
     assert (shown[0] != shown[4]).any()
     np.testing.assert_array_equal(ends[:5], ends[5:])
-
-
-@pytest.mark.slow
-def test_several_at_once() -> None:
-    name = "proxops.training.environment:proxops/Transit-v0"
-    many = gymnasium.make_vec(
-        name, 2, "async", vector_kwargs={"context": "spawn"}, observation="lidar", changes=SHORT
-    )
-    seen, _ = many.reset(seed=3)
-    assert seen["ranges"].shape == (2, 12, 360)
-    _, rewards, terminated, *_ = many.step(np.zeros((2, 3)))
-    assert rewards.shape == (2,)
-    assert not terminated.any()
-    many.close()

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 import torch
 from known_policies import Counting, DeadReckoning, example_steps, facts_of, remember
-from short_flights import kleopatra
 from torch import nn
 
-from proxops.systems import InputError, NeuralPolicy, PolicyBundle
+from proxops.systems import InputError, NeuralPolicy
 from proxops.systems.common import whole_folder
 from proxops.training.export import policy_export
 from proxops.training.export.policy_export import export_policy
@@ -25,50 +24,9 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_bundle_says_what_it_is(bundle: Path) -> None:
-    loaded = PolicyBundle.load(bundle)
-    assert (loaded.recipe, loaded.planes, loaded.rays) == ("closed form", 12, 360)
-    assert (loaded.period, loaded.thrust_limit) == (10.0, 7.0)
-    assert (loaded.memory, loaded.estimates) == (7, True)
-    assert (loaded.body, loaded.shape_sha256) == ("Kleopatra", kleopatra().shape.sha256)
-    assert loaded.sha256 == hashlib.sha256((bundle / "policy.json").read_bytes()).hexdigest()
-    content = json.loads((bundle / "policy.json").read_text())
-    assert content["metrics"] == {"validation_loss_n": 0.5}
-    assert content["data_sha256"] == "0" * 64
-    assert content["onnx_difference"] <= 1e-5
-    assert set(content["versions"]) == {"proxops", "torch", "onnx", "onnxruntime"}
-    model = (bundle / "model.onnx").read_bytes()
-    assert content["model_sha256"] == hashlib.sha256(model).hexdigest()
-    assert {path.name for path in bundle.iterdir()} == {"policy.json", "model.onnx"}
-    assert [path.name for path in bundle.parent.iterdir()] == ["bundle"]
-
-
-def test_bundle_is_replaced_whole(bundle: Path, tmp_path: Path) -> None:
-    folder = copied(bundle, tmp_path)
-    (folder / "leftover").touch()
-    export_policy(Counting(), folder, facts_of(Counting), example_steps(), report="# How\n")
-    assert PolicyBundle.load(folder).memory == 4
-    assert {path.name for path in folder.iterdir()} == {"policy.json", "model.onnx", "report.md"}
-    assert (folder / "report.md").read_text() == "# How\n"
-    assert [path.name for path in tmp_path.iterdir()] == ["bundle"]
-
-
 def write_folder(folder: Path, content: bytes, name: str = "model") -> None:
     with whole_folder(folder) as part:
         (part / name).write_bytes(content)
-
-
-def test_what_a_kill_left_is_removed(tmp_path: Path) -> None:
-    """But no file that is being written, which has such a name too."""
-    folder, other = tmp_path / "bundle", tmp_path / ".bundle.json.abcdefgh.part"
-    write_folder(folder, b"1")
-    other.write_text("{")
-    for end in ("old.folder", "folder"):
-        (tmp_path / f".bundle.abcdefgh.{end}").mkdir()
-        (tmp_path / f".bundle.abcdefgh.{end}" / "model").write_bytes(b"0")
-    write_folder(folder, b"2")
-    assert set(tmp_path.iterdir()) == {folder, other}
-    assert (folder / "model").read_bytes() == b"2"
 
 
 def test_after_a_kill_between_two_bundles_the_older_one_is_put_back(tmp_path: Path) -> None:
@@ -84,26 +42,10 @@ def test_after_a_kill_between_two_bundles_the_older_one_is_put_back(tmp_path: Pa
 # --- what is not written --------------------------------------------------------------------------
 
 
-class Drifting(Counting):
-    """Its force along y differs from `Counting`'s by 1e-4, growing from step to step."""
-
-    def forward(self, ranges, target, commanded_force, memory):
-        force, estimate, following = super().forward(ranges, target, commanded_force, memory)
-        return force, estimate, following * (1.0 + 1e-4)
-
-
 def refused(tmp_path: Path, why: str, module: nn.Module, facts, examples=None) -> None:
     with pytest.raises(InputError, match=why):
         export_policy(module, tmp_path / "policy", facts, examples or example_steps())
     assert list(tmp_path.iterdir()) == []
-
-
-def test_export_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    onnx_bytes = policy_export.onnx_bytes
-    monkeypatch.setattr(
-        policy_export, "onnx_bytes", lambda module, *given: onnx_bytes(Drifting(), *given)
-    )
-    refused(tmp_path, "no bundle is written", Counting(), facts_of(Counting))
 
 
 @pytest.mark.slow
@@ -177,11 +119,9 @@ DAMAGES = {
     "policy.json cannot be read .*proxops train": lambda folder: (folder / "policy.json").unlink(),
     "its hash is not the one in policy.json": flip_a_byte,
     "not one that ONNX Runtime takes": put_no_network,
-    "is not JSON": lambda folder: (folder / "policy.json").write_text('{"format": "prox'),
     "is not of the format": lambda folder: change(folder, format="proxops learned lidar 1"),
     "metrics is no dict": lambda folder: change(folder, metrics=None),
     "thrust_limit_n is not positive": lambda folder: change(folder, thrust_limit_n=-7.0),
-    "memory is not positive": lambda folder: change(folder, memory=0),
     "is no policy: the network's inputs are": lambda folder: change(folder, memory=8),
 }
 

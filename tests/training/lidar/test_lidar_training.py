@@ -17,17 +17,6 @@ from proxops.training.lidar.frames import (
     ray_examples,
 )
 from proxops.training.lidar.networks import FrameNetwork, RayNetwork, frame_loss, ray_loss
-from proxops.training.loop.training_history import learning_rate
-
-
-def test_learning_rate_rises_then_falls_to_nothing():
-    rates = [learning_rate(1e-1, done) for done in np.linspace(0.0, 1.0, 101)]
-    assert max(rates) == pytest.approx(1e-1)
-    assert int(np.argmax(rates)) == 10
-    assert rates[:11] == sorted(rates[:11])
-    assert rates[10:] == sorted(rates[10:], reverse=True)
-    assert rates[-1] == pytest.approx(0.0, abs=1e-12)
-
 
 # --- data -----------------------------------------------------------------------------------------
 

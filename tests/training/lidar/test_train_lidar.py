@@ -12,8 +12,7 @@ from short_flights import SHORT, kleopatra
 from proxops.diagrams.flight.campaign import transit_flights
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog, differences
-from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
-from proxops.systems.lidar import LearnedLidarConfig
+from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems.lidar.lidar_bundle import LidarBundle
 
 
@@ -36,18 +35,6 @@ def scenario_file(tmp_path: Path) -> Path:
     """Its bundle is not trained, but the closed form of a ball."""
     write_ball_bundle(tmp_path / "out" / "bundle", kleopatra().shape.sha256)
     return names_bundle(tmp_path)
-
-
-@pytest.mark.slow
-def test_writes_all_that_it_says(out: Path):
-    names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
-    assert {name for name in names if "tfevents" not in name} == {
-        "bundle/bundle.json", "bundle/model.onnx", "paper_bundle/bundle.json",
-        "paper_bundle/model.onnx", "report.json", "report.md", "frames.png",
-        "curves/ray_network.csv", "curves/frame_network.csv",
-        "ray_network.ckpt", "frame_network.ckpt",
-    }  # fmt: skip
-    assert (out / "frames.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow
@@ -79,21 +66,7 @@ def test_report(out: Path):
         assert name in text
 
 
-@pytest.mark.slow
-def test_another_training_in_that_folder_is_refused(out: Path, capfd: pytest.CaptureFixture[str]):
-    assert proxops("train-lidar", "--quick", "--seed", 1, "--out", out) == 2
-    assert "give another output folder" in capfd.readouterr().err
-
-
 # --- flying with it -------------------------------------------------------------------------------
-
-
-def test_scenario_names_it(scenario_file: Path):
-    scenario = load_scenario(scenario_file)
-    bundle = scenario_file.parent / "out" / "bundle"
-    wanted = LearnedLidarConfig(bundle=str(bundle.resolve()), noise_std_m=20.0)
-    assert scenario.lidar == wanted
-    assert parse_scenario(dump_scenario(scenario)) == scenario
 
 
 @pytest.mark.slow

@@ -60,16 +60,6 @@ def test_windows_cover_each_flight_and_stay_in_it(
         assert seen[flight.start + flight.steps - 1] > 0
 
 
-def test_number_of_windows(packed: PackedFlights) -> None:
-    steps = [flight.steps for flight in packed.part("training")]
-    assert set(steps) == {15, 19}
-    # Flights of 15: from 0, 4, 8 and, to the end, 10; of 19: from 0, 4, 8, 12 and 14.
-    wanted = sum({15: 4, 19: 5}[count] for count in steps)
-    assert len(WindowDataset(packed, "training", 5, 4)) == wanted
-    # Only flights that are long enough have windows.
-    assert len(WindowDataset(packed, "training", 17, 1)) == 3 * steps.count(19)
-
-
 @pytest.mark.parametrize(
     ("part", "options", "message"),
     [
@@ -86,19 +76,6 @@ def test_windows_that_cannot_be(
 
 
 # --- what they hold -------------------------------------------------------------------------------
-
-
-def test_columns_in_si(packed: PackedFlights) -> None:
-    windows = WindowDataset(packed, "training", 6, 3)
-    batch = windows.batch([3, 0])
-    for k in range(2):
-        rows = [row_of(packed, state) for state in batch["state"][k]]
-        for name in ("time", "state", "target", "commanded_force", "mpc_force"):
-            wanted = getattr(packed, name)[rows].astype(np.float32)
-            assert batch[name].dtype == torch.float32
-            np.testing.assert_array_equal(batch[name][k], wanted)
-        assert batch["labelled"][k].all()
-        assert not batch["kicked"][k].any()
 
 
 def test_labels_that_are_missing(tmp_path: Path) -> None:
@@ -124,9 +101,6 @@ def test_dense_frames(packed: PackedFlights) -> None:
     np.testing.assert_array_equal(frames.reshape(5, -1), wanted)
 
 
-# --- batches --------------------------------------------------------------------------------------
-
-
 def everything(packed: PackedFlights) -> WindowDataset:
     return WindowDataset(packed, "training", 5, 2, frames=True)
 
@@ -137,6 +111,9 @@ def test_a_batch_is_its_windows(packed: PackedFlights) -> None:
     for name, values in batch.items():
         single = torch.stack([windows[5][name], windows[0][name], windows[5][name]])
         assert torch.equal(values, single), name
+
+
+# --- batches --------------------------------------------------------------------------------------
 
 
 def test_shuffled_epochs(packed: PackedFlights) -> None:

@@ -65,32 +65,6 @@ def test_is_a_kalman_filter():
     assert np.linalg.norm(found[3:6] - velocity) < 1.0
 
 
-@torch.no_grad()
-def test_a_fix_that_cannot_be_trusted_moves_little():
-    subject = still_filter()
-    memory = torch.zeros(1, MEMORY)
-    place = torch.tensor([[100e3, 0.0, 0.0]])
-    for _ in range(20):
-        memory = corrected(subject, subject.predict(memory, torch.zeros(1, 3)), place)
-    before = memory[:, :3].clone()
-    predicted = subject.predict(memory, torch.zeros(1, 3))
-    noisy = corrected(subject, predicted, place + 500.0, 100.0)
-    trusted = corrected(subject, predicted, place + 500.0)
-    assert float((noisy[:, :3] - before).norm()) < 20.0 < float((trusted[:, :3] - before).norm())
-
-
-@torch.no_grad()
-def test_finds_back_when_it_is_lost():
-    subject = still_filter()
-    memory = torch.zeros(1, MEMORY)
-    for place in (torch.tensor([[100e3, 0.0, 0.0]]), torch.tensor([[90e3, 5e3, 0.0]])):
-        for _ in range(30):
-            memory = subject.predict(memory, torch.zeros(1, 3))
-            memory = corrected(subject, memory, place)
-    assert float((memory[:, :3] - place).norm()) < 50.0
-    assert float(memory[:, 3:6].norm()) < 1.0
-
-
 @pytest.mark.parametrize("steps", [1000, pytest.param(10_000, marks=pytest.mark.slow)])
 @torch.no_grad()
 def test_covariance_stays_one_over_a_long_flight(steps: int):

@@ -7,7 +7,7 @@ import pytest
 from short_flights import kleopatra
 
 from proxops.diagrams.flight import Workers
-from proxops.diagrams.scenario import Scenario, draw_transit, load_body, load_scenario
+from proxops.diagrams.scenario import Scenario, load_body, load_scenario
 from proxops.systems.common import derived_seed
 from proxops.systems.shapes import clearances
 from proxops.training.data import expert_plans
@@ -77,20 +77,6 @@ def test_members_are_written_once_and_alike(folder: Path) -> None:
     after = {path.name: path.read_bytes() for path in paths[1].parent.iterdir()}
     assert after == before
     assert set(after) == {"body.obj", "body.yaml", "scenario.yaml"}
-
-
-def test_members_differ_and_have_transits(folder: Path) -> None:
-    scenarios = [load_scenario(path) for path in write_family(folder, SEED, 2)]
-    bodies = [load_body(scenario.body) for scenario in scenarios]
-    assert [body.config.name for body in bodies] == [f"random-{SEED}-{k}" for k in range(2)]
-    numbers = [spacecraft_numbers(*pair) for pair in zip(scenarios, bodies, strict=True)]
-    assert numbers[0].hover_share != pytest.approx(numbers[1].hover_share, rel=1e-2)
-    for low, own, high in zip(RANGES[0], np.array([*map(list, numbers)]).T, RANGES[1], strict=True):
-        assert low * 0.999 < own.min()
-        assert own.max() < high * 1.001
-    for scenario, body in zip(scenarios, bodies, strict=True):
-        for index in range(2):
-            draw_transit(1, index, scenario, body)
 
 
 def test_plans_of_all_members(folder: Path, tmp_path: Path) -> None:

@@ -178,20 +178,3 @@ def test_exported_pilot_says_what_the_trained_one_says(bundle: Path):
         said, seen, remembered = run_network(session, ranges, target, applied, remembered)
         np.testing.assert_allclose(said, force[0].numpy(), rtol=1e-3, atol=1e-3)
         np.testing.assert_allclose(seen, estimate[0].numpy(), rtol=1e-4, atol=1.0)
-
-
-@pytest.mark.slow
-def test_export_names_no_source(bundle: Path):
-    """That it is the same each time is seen where a training is run again: test_pilot_recipe."""
-    assert b"pilot.py" not in (bundle / "model.onnx").read_bytes()
-
-
-@torch.no_grad()
-def test_pilot_keeps_within_the_limits_and_begins_where_the_frame_says():
-    pilot = small_pilot()
-    given = [torch.from_numpy(part[:1].astype(np.float32)) for part in flight()]
-    force, estimate, memory = pilot(*given, torch.zeros(1, MEMORY))
-    assert float(force.abs().max()) <= 7.0
-    assert float(memory[0, -1]) == 1.0
-    torch.testing.assert_close(estimate, memory[:, :6])
-    assert float(estimate[:, 3:].abs().max()) == 0.0  # One fix says nothing of the velocity.

@@ -12,9 +12,7 @@ import pytest
 import torch
 from commands import proxops
 from flight_folders import copy_flights
-from short_flights import BRIEF, short_scenario
 
-from proxops.diagrams.flight.simulation import fly
 from proxops.systems import InputError
 from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export.policy_report import replay_flights
@@ -44,15 +42,10 @@ def packed(data: Path) -> PackedFlights:
     return pack_flights(data / "flights")
 
 
-@pytest.fixture(scope="module")
-def report(data: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    out = tmp_path_factory.mktemp("trained")
-    return train_paper_policy(data, out, SMALL) | {"out": out}
-
-
 @pytest.mark.slow
-def test_training_reduces_the_loss(report: dict[str, Any]):
-    with (report["out"] / "curves" / "policy.csv").open() as file:
+def test_training_reduces_the_loss(data: Path, tmp_path: Path):
+    report = train_paper_policy(data, tmp_path, SMALL)
+    with (tmp_path / "curves" / "policy.csv").open() as file:
         losses = [float(row["training_loss"]) for row in csv.DictReader(file)]
     assert len(losses) == 20
     assert losses[-1] < 0.8 * losses[0]
@@ -60,30 +53,20 @@ def test_training_reduces_the_loss(report: dict[str, Any]):
     assert figures["rmse_n"] < 0.3 * figures["zero_rmse_n"]
 
 
-def test_report_counts_every_step(report: dict[str, Any], packed: PackedFlights):
+def test_report_and_checkpoint_are_of_every_step(data: Path, packed: PackedFlights, tmp_path: Path):
+    brief = dataclasses.replace(SMALL, schedule=dataclasses.replace(SMALL.schedule, epochs=1))
+    report = train_paper_policy(data, tmp_path, brief)
     for part, figures in report["parts"].items():
         assert figures["flights"] == len(packed.part(part)) > 0
         assert figures["steps"] == sum(flight.steps for flight in packed.part(part))
     assert report["logs_sha256"] == packed.logs_sha256
-    assert json.loads((report["out"] / "report.json").read_text())["parts"] == report["parts"]
-    assert f"{report['parts']['test']['rmse_n']:.3f}" in (report["out"] / "report.md").read_text()
-
-
-def test_checkpoint_holds_the_policy_that_is_reported(
-    report: dict[str, Any], packed: PackedFlights
-):
+    assert json.loads((tmp_path / "report.json").read_text())["parts"] == report["parts"]
+    assert f"{report['parts']['test']['rmse_n']:.3f}" in (tmp_path / "report.md").read_text()
     policy = make_policy(packed, SMALL)
-    policy.load_state_dict(torch.load(report["out"] / "policy.ckpt")["best"])
+    policy.load_state_dict(torch.load(tmp_path / "policy.ckpt")["best"])
     wanted, said = replay_flights(policy.eval(), packed, "test")
     rmse = np.sqrt(((said - wanted) ** 2).mean())
     assert rmse == pytest.approx(report["parts"]["test"]["rmse_n"], rel=1e-5)
-
-
-def test_bundle_flies(report: dict[str, Any]):
-    log = fly(short_scenario(policy__bundle=str(report["out"] / "bundle"), **BRIEF), "policy")
-    steps = len(log.dataset["time"]) - 1
-    assert (log.dataset["decision"].values[:steps] == 2).all()
-    assert np.isfinite(log.dataset["policy_force"].values[:steps]).all()
 
 
 @torch.no_grad()

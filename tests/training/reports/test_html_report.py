@@ -15,7 +15,6 @@ from proxops.training.reports.report import (
     Table,
     Text,
     html_page,
-    markdown_page,
     picture,
     write_report,
 )
@@ -82,25 +81,6 @@ def test_html_holds_everything_and_asks_for_nothing(sections: list[Section]) -> 
     assert page.words.count(AWKWARD) == 3  # A paragraph, a heading, a caption.
     assert "proxops evaluate --set 'a=b'" in page.words
     assert page.cells == [["", "one", AWKWARD], ["first", "1", "2"], [AWKWARD, "3", "4"]]
-
-
-def test_long_reports_list_their_sections(sections: list[Section]) -> None:
-    text = html_page("A title", sections * 2)
-    links = re.findall(r'<a href="#(\d)">', text)
-    assert links == re.findall(r'<h2 id="(\d)">', text) == ["1", "2", "3", "4"]
-
-
-def test_markdown_tables_keep_their_columns(sections: list[Section]) -> None:
-    lines = markdown_page("A title", sections).splitlines()
-    rows = [line for line in lines if line.startswith("|")]
-    assert len(rows) == 4
-    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {4}
-    assert rows[1] == "| --- | ---: | ---: |"
-    assert rows[2] == "| first | 1 | 2 |"
-    assert lines[:3] == ["# A title", "", "## Words"]
-    [start] = [k for k, line in enumerate(lines) if line == "proxops evaluate --set 'a=b'"]
-    assert lines[start - 1] == lines[start + 1] == "```"
-    assert not any(re.search(r"(?<!\\)<", line) for line in lines)
 
 
 def test_files(sections: list[Section], tmp_path: Path) -> None:
