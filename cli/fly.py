@@ -37,7 +37,7 @@ from proxops.diagrams.logs import (
 )
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import Body, Scenario, TransitConfig, load_body, load_scenario
-from proxops.systems.common import InputError, make_folder, write_json
+from proxops.systems.common import InputError, compiling_told, make_folder, write_json
 from proxops.systems.navigation import MendedMap, save_mended_map
 
 # Share of the steps below which a navigation within three standard deviations is overconfident.
@@ -107,7 +107,7 @@ def fly_command(
         body, true_body = load_body(wanted.body), None
         wanted = _without_making_a_table(wanted, body)
         print_remarks(wanted, body)
-    with work_bar("flying") as progress:
+    with work_bar("flying") as progress, compiling_told(progress):
         log = fly(
             wanted, controller or "mpc", meshcat=server, progress=progress, body=body,
             true_body=true_body, finished=keep,

@@ -51,7 +51,7 @@ from proxops.systems.common.files import (
     write_whole,
 )
 from proxops.systems.common.html_tables import html_table
-from proxops.systems.common.kernels import kernel
+from proxops.systems.common.kernels import compiling_told, kernel
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import (
     Quaternion,
@@ -76,7 +76,7 @@ from proxops.systems.common.settings import (
     vector,
 )
 from proxops.systems.common.text_files import decoded
-from proxops.systems.common.threads import one_thread
+from proxops.systems.common.threads import one_thread, threads_to_use
 from proxops.systems.common.user_cache import keep_arrays, kept_arrays, name_of
 from proxops.systems.common.user_folders import cache_folder
 
@@ -107,6 +107,7 @@ __all__ = [
     "check_positive",
     "check_type",
     "checked_semi_axes",
+    "compiling_told",
     "config",
     "cross_matrix",
     "decoded",
@@ -138,6 +139,7 @@ __all__ = [
     "rotation_matrix",
     "silent",
     "spread_directions",
+    "threads_to_use",
     "turned_vector",
     "values_in_words",
     "vector",
