@@ -67,7 +67,7 @@ def evaluate_command(
     # matplotlib is slow to import.
     from proxops.studies.campaigns import Variant, describe_flight, fly_variants
     from proxops.studies.figures import aggregate_all, figure_rows
-    from proxops.studies.report import write_evaluation
+    from proxops.studies.report import may_be_shown, write_evaluation
 
     names = [name.strip() for name in controllers.split(",") if name.strip()]
     if not names or len(set(names)) != len(names):
@@ -85,7 +85,7 @@ def evaluate_command(
     with work_bar("preparing the flights") as progress:
         rows = fly_variants(
             [Variant(name, name) for name in names], wanted, seed, transits, out / "flights",
-            keep_logs=keep_logs, describe=describe_flight,
+            keep_logs=keep_logs or may_be_shown, describe=describe_flight,
             workers=Workers(workers, scheduler, progress),
         )  # fmt: skip
     if any(row.get("dispersed") for group in rows.values() for row in group):
@@ -99,9 +99,9 @@ def evaluate_command(
     for label, cells in figure_rows(results, wanted.arrival):
         table.add_row(label, *cells)
     console.print(table)
-    with work_bar("flying those that are shown") as progress:
+    with work_bar("writing the report") as progress:
         write_evaluation(
-            out, results, wanted, seed, command=typed_command(), keep_logs=keep_logs,
+            out, results, wanted, seed, command=typed_command(),
             workers=Workers(workers, scheduler, progress),
         )  # fmt: skip
     status.print(f"Wrote results.json, report.html and report.md in {out}")

@@ -36,6 +36,9 @@ Row = dict[str, typing.Any]
 Describe = Callable[[FlightLog, Path | None], Row]
 """Makes the row that a campaign stores for a flight, from its log and the path of the log's file
 (None if logs are not kept). It is sent to the workers, so it must be a function of a module."""
+Choose = Callable[[Mapping[str, Row]], set[str]]
+"""Gives, of some flights' rows by their names, the names of those whose logs stay. What does not
+stay among some flights must not stay among more."""
 
 
 @dc.dataclass(frozen=True)
@@ -107,7 +110,7 @@ def run_campaign(
     flights: Sequence[Flight],
     folder: Path,
     *,
-    keep_logs: bool = False,
+    keep_logs: bool | Choose = False,
     describe: Describe = _summary,
     workers: Workers = Workers(),
 ) -> list[Row]:
@@ -122,7 +125,8 @@ def run_campaign(
     Args:
       flights: the flights of the campaign.
       folder: is created if it does not exist.
-      keep_logs: whether to write the logs too.
+      keep_logs: whether to write the logs too; or which of those flown now stay. A flight that is
+        stored is flown again for its log only if all are kept.
       describe: makes the row of a flight; by default, the row is the log's summary.
       workers: fly, and report how many flights have ended.
 
@@ -138,7 +142,7 @@ def run_campaign(
     rows: dict[str, Row] = {}
     todo = []
     for flight in flights:
-        row = _finished(flight, folder, keep_logs)
+        row = _finished(flight, folder, keep_logs is True)
         if row is None:
             todo.append(flight)
         else:
@@ -147,20 +151,37 @@ def run_campaign(
     kept = f"; {len(rows)} are there from before" if rows else ""
     done, text = _progress(rows, len(flights))
     workers.progress(done, text + kept)
+    held: set[str] = set()
     # Flights that another process is flying come last, and are then waited for.
     for wait in (False, True):
         task = functools.partial(
-            _fly_one, folder=folder.resolve(), keep_logs=keep_logs, describe=describe, wait=wait
+            _fly_one,
+            folder=folder.resolve(),
+            keep_logs=None if callable(keep_logs) else keep_logs,
+            describe=describe,
+            wait=wait,
         )
         with contextlib.closing(workers.results(todo, task)) as results:
             for name, row in results:
                 if row is not None:
                     rows[name] = row
+                    if callable(keep_logs) and "unflyable" not in row:
+                        held = _let_logs_go(
+                            folder, keep_logs, {each: rows[each] for each in (*held, name)}
+                        )
                     workers.progress(*_progress(rows, len(flights)))
         todo = [flight for flight in todo if flight.name not in rows]
         if not todo:
             break
     return [rows[flight.name] for flight in flights]
+
+
+def _let_logs_go(folder: Path, choose: Choose, rows: Mapping[str, Row]) -> set[str]:
+    """Removes the logs of flights that are not chosen; gives the names of the others."""
+    chosen = choose(rows)
+    for name in rows.keys() - chosen:
+        (folder / f"{name}.nc").unlink(missing_ok=True)
+    return chosen
 
 
 def _progress(rows: Mapping[str, Row], count: int) -> tuple[float, str]:
@@ -190,13 +211,17 @@ def run_groups(
 
 
 def _fly_one(
-    flight: Flight, folder: Path, keep_logs: bool, describe: Describe, wait: bool
+    flight: Flight, folder: Path, keep_logs: bool | None, describe: Describe, wait: bool
 ) -> Row | None:
-    """The row of a flight; None if another process flies it and is not waited for."""
+    """The row of a flight; None if another process flies it and is not waited for.
+
+    Args:
+      keep_logs: None: a log is written, but a flight is not flown again for it.
+    """
     with _locked(folder, flight.name, wait) as locked:
         if not locked:
             return None
-        row = _finished(flight, folder, keep_logs)
+        row = _finished(flight, folder, keep_logs is True)
         if row is not None:
             return row  # Another process has flown it meanwhile.
         own, asked = own_version(), flight.provenance.version
@@ -207,7 +232,7 @@ def _fly_one(
             )
         for part in folder.glob(f".{flight.name}.*.part"):
             part.unlink()  # A process that was killed left it.
-        path = folder / f"{flight.name}.nc" if keep_logs else None
+        path = None if keep_logs is False else folder / f"{flight.name}.nc"
         try:
             log = fly(flight.scenario, flight.controller, body=_body_of(flight))
         except UnflyableWorldError as error:

@@ -205,6 +205,18 @@ def test_logs_wanted_later_are_flown_for(tmp_path: Path, flown: list[str]) -> No
     assert log.scenario == flights(1)[0].scenario
 
 
+def test_some_logs_stay(tmp_path: Path, flown: list[str]) -> None:
+    def first_and_last(rows):
+        return {min(rows), max(rows)}
+
+    names = [flight.name for flight in flights(4)]
+    for count in (3, 4, 4):
+        run_campaign(flights(count), tmp_path, workers=Workers(1), keep_logs=first_and_last)
+    assert flown == names  # None is flown again because its log is gone.
+    kept = {path.stem for path in tmp_path.glob("*.nc")}
+    assert kept == {names[0], names[2], names[3]}  # Those of a run before are not touched.
+
+
 def test_unfinished_files_are_ignored(tmp_path: Path, flown: list[str]) -> None:
     name = flights(1)[0].name
     (tmp_path / f".{name}.json.abc.part").write_text('{"flight": {"na')
