@@ -13,9 +13,11 @@ from proxops.cli.common import (
     DispersionsName,
     Processes,
     ScenarioChanges,
+    ScenarioFile,
     SchedulerAddress,
     check_folder,
     check_transits_drawn,
+    complete_controllers,
     console,
     print_remarks,
     status,
@@ -29,15 +31,14 @@ from proxops.systems.common import InputError, write_json
 
 
 def evaluate_command(
-    scenario: Annotated[
-        Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
-    ] = None,
+    scenario: ScenarioFile = None,
     controllers: Annotated[
         str,
         typer.Option(
             help="Comma-separated: mpc[:BUNDLE], policy[:BUNDLE], hybrid[:BUNDLE], pd[:BUNDLE], "
             "zero, MODULE:FACTORY. BUNDLE is a folder, or end-to-end: the pilot for Kleopatra that "
-            "ships."
+            "ships.",
+            autocompletion=complete_controllers,
         ),
     ] = "mpc",
     transits: Annotated[
@@ -51,7 +52,9 @@ def evaluate_command(
     ),
     workers: Processes = None,
     scheduler: SchedulerAddress = None,
-    keep_logs: Annotated[bool, typer.Option(help="Keep every flight's log.")] = False,
+    keep_logs: Annotated[
+        bool, typer.Option("--keep-logs", help="Keep every flight's log.")
+    ] = False,
 ) -> None:
     """Fly a set of transits with each controller; write results.json, report.html and report.md.
 

@@ -8,7 +8,7 @@ A line of a page that starts with one of these is replaced:
 * `!help`: what `proxops --help` prints.
 * `!file PATH`: a file of the repository, as code.
 * `!experiments PATH`: a Markdown file of the repository, without its title, headings a level down.
-* `!configs`: the dataclasses of a scenario, section by section, as code.
+* `!configs`: a table of the keys of each section of a scenario.
 * `!dispersions NAME`: a table of dispersions that ship, with the source of each number.
 * `!quantities`: the table of uncertain quantities, with whom they are told.
 * `!log_variables`: a table of a flight log's variables.
@@ -23,14 +23,12 @@ from elsewhere.
 """
 
 import ast
-import dataclasses as dc
 import functools
 import html
 import inspect
 import re
 import tempfile
-import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from latex2mathml.converter import convert
@@ -46,7 +44,8 @@ from proxops.diagrams.logs import VARIABLES
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import (
     QUANTITIES,
-    Scenario,
+    DescribedKey,
+    described_keys,
     load_body,
     load_dispersions,
     load_scenario,
@@ -111,21 +110,25 @@ def _dispersions(name: str) -> str:
 
 
 def _configs(_: str) -> str:
-    def sections(schema: type, key: str, tag: str = "") -> Iterator[tuple[str, type]]:
-        yield (key or "The whole scenario") + tag, schema
-        for field in dc.fields(schema):
-            path = f"{key}.{field.name}".strip(".")
-            options = typing.get_args(field.type) or (field.type,)
-            configs = [option for option in options if dc.is_dataclass(option)]
-            for option in configs:
-                tag = f": !{option.__name__.removesuffix('Config')}" if len(configs) > 1 else ""
-                yield from sections(option, path, tag)
+    def sections(title: str, keys: Sequence[DescribedKey]) -> Iterator[str]:
+        rows = [
+            f"| `{key.name}` | {_code(key.default)} | {key.unit} | {key.limits} | {key.meaning} |"
+            for key in keys
+        ]
+        head = ["| key | default | unit | limits | meaning |", "|---|---|---|---|---|"]
+        yield "\n".join([f"## {title or 'The whole scenario'}", "", *head, *rows])
+        for key in keys:
+            for tag, inner in key.sections.items():
+                named = f": !{tag}" if len(key.sections) > 1 else ""
+                yield from sections(
+                    f"{title.partition(':')[0]}.{key.name}".strip(".") + named, inner
+                )
 
-    parts = []
-    for title, schema in sections(Scenario, ""):
-        code = re.sub(r"^@config\n", "", inspect.getsource(schema))
-        parts += [f"## {title}", f"```python\n{code}```"]
-    return "\n\n".join(parts)
+    return "\n\n".join(sections("", described_keys()))
+
+
+def _code(text: str) -> str:
+    return text and f"`{text}`"
 
 
 def _quantities(_: str) -> str:
