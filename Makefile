@@ -8,8 +8,8 @@ REPRODUCTION ?= out/reproduction
 bin := .venv/bin
 # Python compiles what is imported; to compile all that is installed takes a minute.
 pip_install := $(bin)/python -m pip install --quiet --no-compile --constraint constraints.txt
-# The folders that hold an `__init__.py` are the subpackages of proxops.
-folders := $(patsubst %/__init__.py,%,$(wildcard */__init__.py))
+# The folder front_door is proxops; the others that hold an `__init__.py` are its subpackages.
+folders := $(filter-out front_door,$(patsubst %/__init__.py,%,$(wildcard */__init__.py)))
 
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 # Else each process of the tests compiles all sources anew.
@@ -47,10 +47,13 @@ quick: .venv/dev.stamp
 	@[ -n "$(TESTS)" ] || echo "nothing that was touched has tests of its own: make test"
 	[ -z "$(TESTS)" ] || $(bin)/pytest --numprocesses auto --dist worksteal $(TESTS)
 
-# Tools that read sources can't follow the import hook of an editable installation.
+# Tools that read sources can't follow the import hook of an editable installation. In build/rooms
+# the folders are packages by themselves, as import-linter needs them.
 links:
-	@mkdir -p build/links/proxops && rm -f build/links/proxops/*
-	@for folder in $(folders); do ln -sfn ../../../$$folder build/links/proxops/$$folder; done
+	@rm -rf build/links build/rooms && mkdir -p build/links/proxops build/rooms/proxops
+	@for folder in $(folders); do for place in links rooms; do \
+	    ln -s ../../../$$folder build/$$place/proxops/$$folder; done; done
+	@ln -s ../../../front_door/__init__.py build/links/proxops/__init__.py
 
 lint: .venv/dev.stamp links
 	@cd $$($(bin)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))") && \
@@ -62,7 +65,7 @@ lint: .venv/dev.stamp links
 	    done
 	$(bin)/ruff format --check
 	$(bin)/ruff check
-	PYTHONPATH=.ci $(bin)/lint-imports --no-cache --no-logo
+	PYTHONPATH=.ci:build/rooms $(bin)/lint-imports --no-cache --no-logo
 	$(bin)/pyright --threads build/links/proxops/* tests
 
 # The other benchmarks fly campaigns. Each says how it is run.

@@ -98,7 +98,7 @@ def command(name: str) -> typing.Any:
     alone = typer.Typer(add_completion=False)
     alone.command(name)(function)
     _find_folder_for_matplotlib()
-    made = get_command(alone)
+    made: typing.Any = get_command(alone)
     for each in (made, *made.params):
         each.help = escape(each.help or "")  # Else [exchange] would be markup.
     return made

@@ -8,6 +8,8 @@ import fcntl
 import functools
 import hashlib
 import json
+import re
+import tempfile
 import typing
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -174,6 +176,44 @@ def run_campaign(
         if not todo:
             break
     return [rows[flight.name] for flight in flights]
+
+
+def fly_many(
+    scenarios: Mapping[str, Scenario],
+    controller: str = "mpc",
+    folder: Path | None = None,
+    **options: typing.Any,
+) -> dict[str, Row]:
+    """Flies scenarios on all cores, such as those of a sweep: see `run_campaign`.
+
+    `pandas.DataFrame(fly_many({"60 kg": …, "90 kg": …})).T` is a table of all figures.
+
+    Args:
+      scenarios: by names, which become names of files in `folder`, so they are made of letters,
+        digits, hyphens, blanks and dots. Each has a transit of its own; with dispersions, its world
+        is drawn.
+      controller: a name that `named_controller` takes.
+      folder: keeps the rows, so that no flight is flown twice; None: they are not kept.
+      options: those of `run_campaign`.
+
+    Returns:
+      The summary of each flight, by its name.
+
+    Raises:
+      InputError: a scenario cannot be flown; or see `run_campaign`.
+    """
+    flights = []
+    for name, scenario in scenarios.items():
+        if re.fullmatch(r"[\w. -]+", name) is None:
+            raise InputError(f"{name!r} is no name of a file: use letters, digits, blanks, - and .")
+        body = load_body(scenario.body)
+        drawn = draw_world(scenario, body)
+        flights.append(Flight(name, drawn, controller, provenance(drawn, body, controller)))
+    with contextlib.ExitStack() as stack:
+        if folder is None:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        rows = run_campaign(flights, folder, **options)
+    return dict(zip(scenarios, rows, strict=True))
 
 
 def _let_logs_go(folder: Path, choose: Choose, rows: Mapping[str, Row]) -> set[str]:

@@ -11,13 +11,13 @@ simulates.
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, load_body
 from proxops.diagrams.scenario.bounds import described_bounds, uncertainty_set
-from proxops.diagrams.scenario.described_keys import (
+from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
+from proxops.diagrams.scenario.key_descriptions import (
     DescribedKey,
     commented_scenario,
     described_keys,
     dotted,
 )
-from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
 from proxops.diagrams.scenario.keys import differing_values, dotted_leaves, given_keys
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks

@@ -50,7 +50,8 @@ def kernel(function: Callable[..., typing.Any] | None = None, **options: typing.
     try:
         config.CACHE_DIR = str(folder or "")  # pyright: ignore[reportAttributeAccessIssue]
         # Nothing calls a kernel from C, and the wrapper for it takes time to compile.
-        return numba.njit(cache=folder is not None, no_cfunc_wrapper=True, **options)(function)
+        options |= {"cache": folder is not None, "no_cfunc_wrapper": True}
+        return numba.njit(**options)(function)
     finally:
         config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
 

@@ -23,7 +23,7 @@ from worker_tasks import kills_its_process, process_of, refuses
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight import Workers, campaign, parallel
-from proxops.diagrams.flight.campaign import Flight, run_campaign, transit_flights
+from proxops.diagrams.flight.campaign import Flight, fly_many, run_campaign, transit_flights
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.origin import Provenance, provenance
 from proxops.diagrams.logs.flight_log import FlightLog
@@ -215,6 +215,20 @@ def test_some_logs_stay(tmp_path: Path, flown: list[str]) -> None:
     assert flown == names  # None is flown again because its log is gone.
     kept = {path.stem for path in tmp_path.glob("*.nc")}
     assert kept == {names[0], names[2], names[3]}  # Those of a run before are not touched.
+
+
+def test_a_sweep(tmp_path: Path, flown: list[str]) -> None:
+    short = flights(1)[0].scenario
+    heavy = {
+        f"{mass} kg": change_scenario(short, {"spacecraft.mass_kg": mass}) for mass in (90, 99)
+    }
+    for folder in (None, tmp_path, tmp_path):
+        rows = fly_many(heavy, "mpc", folder, workers=Workers(1))
+        assert [*rows] == ["90 kg", "99 kg"]
+        assert rows["90 kg"]["delta_v_m_s"] != rows["99 kg"]["delta_v_m_s"]
+    assert flown == 2 * ["90 kg", "99 kg"]  # Those in the folder are not flown again.
+    with pytest.raises(InputError, match="is no name of a file"):
+        fly_many({"a/b": short})
 
 
 def test_unfinished_files_are_ignored(tmp_path: Path, flown: list[str]) -> None:

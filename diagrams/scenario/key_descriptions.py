@@ -90,8 +90,8 @@ def commented_scenario() -> str:
 
 def _lines(keys: Sequence[DescribedKey], indent: str) -> Iterator[str]:
     for key in keys:
-        hanging = {"initial_indent": f"{indent}# ", "subsequent_indent": f"{indent}# "}
-        yield from textwrap.wrap(key.meaning, _WIDTH, break_on_hyphens=False, **hanging)
+        lines = textwrap.wrap(key.meaning, _WIDTH - len(indent), break_on_hyphens=False)
+        yield from (f"{indent}# {line}" for line in lines)
         note = ", ".join(filter(None, (key.unit, key.limits)))
         yield f"{indent}{key.name}: {key.default}".rstrip() + (f"  # {note}" if note else "")
         for tag, inner in key.sections.items():
