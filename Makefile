@@ -11,16 +11,21 @@ pip_install := $(bin)/python -m pip install --quiet --no-compile --constraint co
 # The folder front_door is proxops; the others that hold an `__init__.py` are its subpackages.
 folders := $(filter-out front_door,$(patsubst %/__init__.py,%,$(wildcard */__init__.py)))
 
+# Editors see what is installed strictly, by links to each file. Files that are added are seen only by
+# the import hook of the other mode, so that is the one for who works on proxops.
+mode = $(if $(filter dev,$*)$(wildcard .venv/dev.stamp),,--config-settings editable_mode=strict)
+
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 # Else each process of the tests compiles all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
-.PHONY: help install fly test quick lint bench notebooks docs note results train gym clean links
+.PHONY: help install fly lab test quick lint bench notebooks docs note results train gym clean links
 
 help:
 	@echo "make fly        install, and fly one transit with the hybrid into $(FLIGHT)"
 	@echo "make install    install proxops into .venv"
+	@echo "make lab        install JupyterLab, without PyTorch, and open it with the notebooks"
 	@echo "make test       run the tests (pytest -m slow and -m browser run the others)"
 	@echo "make quick      run the tests of the rooms that were touched"
 	@echo "make lint       check format, style and types"
@@ -36,7 +41,11 @@ help:
 install: .venv/core.stamp
 
 fly: .venv/core.stamp
+	@echo "flying one transit; the first flight on a machine compiles first, which takes half a minute"
 	$(bin)/proxops fly --controller hybrid --out $(FLIGHT)
+
+lab: .venv/lab.stamp
+	$(bin)/jupyter lab notebooks
 
 test: .venv/dev.stamp
 	$(bin)/pytest --numprocesses auto --dist worksteal
@@ -111,9 +120,10 @@ clean:
 	$(PYTHON) -m venv .venv
 
 .venv/core.stamp: pyproject.toml constraints.txt | .venv/bin/pip
-	$(pip_install) --editable .
+	@echo "installing proxops and what it needs into .venv (1 GB)"
+	$(pip_install) $(mode) --editable .
 	@touch $@
 
 .venv/%.stamp: pyproject.toml constraints.txt | .venv/bin/pip
-	$(pip_install) --editable '.[$*]'
+	$(pip_install) $(mode) --editable '.[$*]'
 	@touch .venv/core.stamp $@

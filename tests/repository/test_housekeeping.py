@@ -139,3 +139,11 @@ def test_the_citation_is_of_this_version() -> None:
     cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     assert cited is not None
     assert cited[1] == PROJECT["version"]
+
+
+def test_the_conda_recipe_has_all_dependencies() -> None:
+    """Each with the least version of pyproject.toml; some under conda's name."""
+    recipe = (ROOT / "conda" / "meta.yaml").read_text()
+    for wanted in PROJECT["dependencies"]:
+        name, _, version = wanted.partition(">=")
+        assert re.search(rf"{name}(-base)? ?>={re.escape(version)}\b", recipe), wanted
