@@ -13,7 +13,7 @@ A line of a page that starts with one of these is replaced:
 * `!quantities`: the table of uncertain quantities, with whom they are told.
 * `!log_variables`: a table of a flight log's variables.
 * `!rooms`: which room imports which, drawn from the code.
-* `!modules FOLDER`: the reference of all rooms of a folder and their public modules.
+* `!modules FOLDER`: a table of the rooms of a folder, each of which has a page of reference.
 
 Executed notebooks (`make notebooks`) become pages, with what they printed and drew.
 
@@ -33,6 +33,7 @@ from pathlib import Path
 
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
+from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File
 from nbconvert import MarkdownExporter
 from typer.testing import CliRunner
@@ -53,6 +54,7 @@ from proxops.diagrams.scenario import (
 )
 
 ROOT = Path(__file__).parents[1]
+_FOLDERS = ("systems", "diagrams", "training", "studies")
 _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 _LOADED = re.compile(r'<(?:script|img|iframe)[^>]+src="https?:|<link[^>]+href="https?:[^>]*>')
 _SHOWN = re.compile(r'<iframe[^>]+src="([^":]+)"')
@@ -164,15 +166,29 @@ def _experiments(path: str) -> str:
     return re.sub(r"^#", "##", text, flags=re.MULTILINE)
 
 
+def _faces(folder: str) -> dict[str, str]:
+    """The docstring of each room of a folder, by its name."""
+    return {
+        path.parent.name: ast.get_docstring(ast.parse(path.read_text())) or ""
+        for path in sorted((ROOT / folder).glob("*/__init__.py"))
+    }
+
+
 def _modules(folder: str) -> str:
+    lines = ["| room | what lives there |", "|---|---|"]
+    for room, about in _faces(folder).items():
+        first = " ".join(about.partition("\n\n")[0].split())
+        lines.append(f"| [{room}]({folder}/{room}.md) | {first} |")
+    return "\n".join(lines)
+
+
+def _room_page(folder: str, room: str, about: str) -> str:
+    """The reference of the public modules of a room."""
     options = "    options: {show_root_heading: false}"
-    parts = []
-    for room in sorted(path.parent for path in (ROOT / folder).glob("*/__init__.py")):
-        about = ast.get_docstring(ast.parse((room / "__init__.py").read_text()))
-        parts.append(f"## {room.name}\n\n{about}\n")
-        for name in sorted(path.stem for path in room.glob("[!_]*.py")):
-            module = f"proxops.{folder}.{room.name}.{name}"
-            parts.append(f"### {room.name}.{name}\n\n::: {module}\n{options}\n")
+    parts = [f"# proxops.{folder}.{room}\n\n{about}\n"]
+    for name in sorted(path.stem for path in (ROOT / folder / room).glob("[!_]*.py")):
+        module = f"proxops.{folder}.{room}.{name}"
+        parts.append(f"## {room}.{name}\n\n::: {module}\n{options}\n")
     return "\n".join(parts)
 
 
@@ -252,8 +268,30 @@ _MAKERS = {
 }
 
 
+def on_config(config, **_):
+    """Puts a page for each room below the page of its folder."""
+
+    def with_rooms(entry):
+        if isinstance(entry, dict):
+            return {title: with_rooms(inner) for title, inner in entry.items()}
+        if isinstance(entry, list):
+            return [with_rooms(each) for each in entry]
+        found = re.fullmatch(r"reference/(\w+)\.md", entry)
+        if found is None or found[1] not in _FOLDERS:
+            return entry
+        rooms = (f"reference/{found[1]}/{room}.md" for room in _faces(found[1]))
+        return {f"proxops.{found[1]}": [entry, *rooms]}
+
+    config.nav = with_rooms(config.nav)
+    return config
+
+
 def on_files(files, config, **_):
-    """Adds the replay of the front page: transit 1, flown by the hybrid."""
+    """Adds the rooms' pages, the notebooks', and the replay of the front page: transit 1."""
+    for folder in _FOLDERS:
+        for room, about in _faces(folder).items():
+            page = _room_page(folder, room, about)
+            files.append(File.generated(config, f"reference/{folder}/{room}.md", content=page))
     log = fly(load_scenario(None, ["transit.index=1"]), "hybrid")
     if not log.summary["success"]:
         raise PluginError("the flight of the front page does not arrive")
@@ -307,8 +345,14 @@ def on_page_content(content, **_):
     return _EQUATION.sub(written, content)
 
 
+@event_priority(-100)  # After the search's own.
 def on_post_build(config, **_):
-    """Refuses pages that need a network, or that show a page that is not there."""
+    """Refuses pages that need a network, or that show a page that is not there.
+
+    The index of the search becomes a script, too, which pages load that are opened from files.
+    """
+    index = Path(config.site_dir, "search", "search_index.json")
+    index.with_suffix(".js").write_text(f"var __index = {index.read_text()}")
     for page in Path(config.site_dir).rglob("*.html"):
         text = page.read_text()
         for found in _LOADED.findall(text):
