@@ -22,6 +22,7 @@ IMPORTED_AS = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
 # What is used without being imported, and the words by which.
 USED_BY_NAME = {
     "h5netcdf": r'engine="h5netcdf"',
+    "imageio-ffmpeg": r'needed\("imageio_ffmpeg", "movie"\)',
     "mcap": r'needed\("mcap\.writer", "exchange"\)',
     "oem": r'needed\("oem", "exchange"\)',
     "onnx": r"torch\.onnx\.export",

@@ -4,8 +4,10 @@ import itertools
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from known_navigation import navigated_log
@@ -306,9 +308,23 @@ def test_a_film_shows_the_flight(tmp_path: Path, ending: str) -> None:
     assert all(np.abs(one - other).max() > 0.3 for one, other in itertools.pairwise(numbers))
 
 
+def test_a_film_for_players(tmp_path: Path) -> None:
+    """It is read back by the program that wrote it; its height is made even."""
+    path = tmp_path / "flight.mp4"
+    write_movie(synthetic_log(), path, seconds=1.0, frames_per_second=4.0, width=488)
+    read = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    shown = subprocess.run(read, capture_output=True, check=True).stdout
+    frames = np.frombuffer(shown, dtype=np.uint8).reshape(4, 306, 488, 3)
+    assert np.abs(frames[0].astype(float) - frames[-1]).max() > 100.0
+
+
 def test_films_that_cannot_be_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match=r"a film is a \.webp or \.gif file"):
-        write_movie(synthetic_log(), tmp_path / "flight.mp4")
+    with pytest.raises(InputError, match=r"a film is a \.webp, \.gif or \.mp4 file"):
+        write_movie(synthetic_log(), tmp_path / "flight.avi")
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "imageio_ffmpeg", None)
+        with pytest.raises(InputError, match=r"pip install 'proxops\[movie\]'"):
+            write_movie(synthetic_log(), tmp_path / "flight.mp4")
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InputError, match="apt install chromium"):
         write_movie(synthetic_log(), tmp_path / "flight.webp")
