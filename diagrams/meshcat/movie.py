@@ -98,8 +98,8 @@ def write_movie(
 
     Args:
       log: the log of the flight.
-      path: of a WebP (small), a GIF (large, shown everywhere) or an MP4 (with the extra `movie`), by
-        its ending.
+      path: of a WebP (small), a GIF (large, shown everywhere) or an MP4 (takes the extra `movie`),
+        by its ending.
       seconds: length of the film.
       frames_per_second: that many frames in each.
       width: of the picture, in pixels; its height is five eighths of that.
