@@ -8,19 +8,24 @@ REPRODUCTION ?= out/reproduction
 bin := .venv/bin
 # Python compiles what is imported; to compile all that is installed takes a minute.
 pip_install := $(bin)/python -m pip install --quiet --no-compile --constraint constraints.txt
-# The folders that hold an `__init__.py` are the subpackages of proxops.
-folders := $(patsubst %/__init__.py,%,$(wildcard */__init__.py))
+# The folder front_door is proxops; the others that hold an `__init__.py` are its subpackages.
+folders := $(filter-out front_door,$(patsubst %/__init__.py,%,$(wildcard */__init__.py)))
+
+# Editors see what is installed strictly, by links to each file. Files that are added are seen only by
+# the import hook of the other mode, so that is the one for who works on proxops.
+mode = $(if $(filter dev,$*)$(wildcard .venv/dev.stamp),,--config-settings editable_mode=strict)
 
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 # Else each process of the tests compiles all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
-.PHONY: help install fly test quick lint bench notebooks docs note results train gym clean links
+.PHONY: help install fly lab test quick lint bench notebooks docs note results train gym clean links
 
 help:
 	@echo "make fly        install, and fly one transit with the hybrid into $(FLIGHT)"
 	@echo "make install    install proxops into .venv"
+	@echo "make lab        install JupyterLab, without PyTorch, and open it with the notebooks"
 	@echo "make test       run the tests (pytest -m slow and -m browser run the others)"
 	@echo "make quick      run the tests of the rooms that were touched"
 	@echo "make lint       check format, style and types"
@@ -36,7 +41,11 @@ help:
 install: .venv/core.stamp
 
 fly: .venv/core.stamp
+	@echo "flying one transit; the first flight on a machine compiles first, which takes half a minute"
 	$(bin)/proxops fly --controller hybrid --out $(FLIGHT)
+
+lab: .venv/lab.stamp
+	$(bin)/jupyter lab notebooks
 
 test: .venv/dev.stamp
 	$(bin)/pytest --numprocesses auto --dist worksteal
@@ -47,10 +56,13 @@ quick: .venv/dev.stamp
 	@[ -n "$(TESTS)" ] || echo "nothing that was touched has tests of its own: make test"
 	[ -z "$(TESTS)" ] || $(bin)/pytest --numprocesses auto --dist worksteal $(TESTS)
 
-# Tools that read sources can't follow the import hook of an editable installation.
+# Tools that read sources can't follow the import hook of an editable installation. In build/rooms
+# the folders are packages by themselves, as import-linter needs them.
 links:
-	@mkdir -p build/links/proxops && rm -f build/links/proxops/*
-	@for folder in $(folders); do ln -sfn ../../../$$folder build/links/proxops/$$folder; done
+	@rm -rf build/links build/rooms && mkdir -p build/links/proxops build/rooms/proxops
+	@for folder in $(folders); do for place in links rooms; do \
+	    ln -s ../../../$$folder build/$$place/proxops/$$folder; done; done
+	@ln -s ../../../front_door/__init__.py build/links/proxops/__init__.py
 
 lint: .venv/dev.stamp links
 	@cd $$($(bin)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))") && \
@@ -62,7 +74,7 @@ lint: .venv/dev.stamp links
 	    done
 	$(bin)/ruff format --check
 	$(bin)/ruff check
-	PYTHONPATH=.ci $(bin)/lint-imports --no-cache --no-logo
+	PYTHONPATH=.ci:build/rooms $(bin)/lint-imports --no-cache --no-logo
 	$(bin)/pyright --threads build/links/proxops/* tests
 
 # The other benchmarks fly campaigns. Each says how it is run.
@@ -108,9 +120,10 @@ clean:
 	$(PYTHON) -m venv .venv
 
 .venv/core.stamp: pyproject.toml constraints.txt | .venv/bin/pip
-	$(pip_install) --editable .
+	@echo "installing proxops and what it needs into .venv (1 GB)"
+	$(pip_install) $(mode) --editable .
 	@touch $@
 
 .venv/%.stamp: pyproject.toml constraints.txt | .venv/bin/pip
-	$(pip_install) --editable '.[$*]'
+	$(pip_install) $(mode) --editable '.[$*]'
 	@touch .venv/core.stamp $@

@@ -16,7 +16,6 @@ import time
 import tracemalloc
 from collections.abc import Callable
 
-import numba
 import numpy as np
 import trimesh
 from _kept import keep
@@ -26,6 +25,7 @@ from rich.table import Table
 
 from proxops.diagrams.scenario import load_body
 from proxops.systems import GravityField, Polyhedron, TabulatedField
+from proxops.systems.common import one_thread, threads_to_use
 
 CONSOLE = Console()
 
@@ -105,11 +105,11 @@ def batches(field: GravityField, semi_axes: np.ndarray) -> None:
     tabulated = TabulatedField(field, semi_axes)
     looked_up = medians({"table": lambda: tabulated.evaluate(outside)}, rounds=1)["table"]
     times = {}
-    most = numba.get_num_threads()
+    most = threads_to_use()
     peer = esa_model(field)
-    for threads in sorted({1, most}):
-        numba.set_num_threads(threads)
-        times[threads] = medians({"ours": lambda: field.evaluate(points)}, rounds=1)["ours"]
+    times[most] = medians({"ours": lambda: field.evaluate(points)}, rounds=1)["ours"]
+    with one_thread():
+        times[1] = medians({"ours": lambda: field.evaluate(points)}, rounds=1)["ours"]
     few = points[:500]
     other = medians({"esa": lambda: peer(few, True)}, rounds=1)["esa"] / len(few)
     table = Table(title=f"{len(points)} points in the cube, a point")

@@ -19,6 +19,7 @@ from proxops.cli.common import (
     DispersionsName,
     Processes,
     ScenarioChanges,
+    ScenarioFile,
     SchedulerAddress,
     check_folder,
     check_transits_drawn,
@@ -61,9 +62,7 @@ MinariName = Annotated[
 
 
 def collect_command(
-    scenario: Annotated[
-        Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
-    ] = None,
+    scenario: ScenarioFile = None,
     transits: Annotated[int, typer.Option(min=1, help="Number of flights.")] = 400,
     seed: Annotated[
         int,

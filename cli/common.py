@@ -18,9 +18,58 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from proxops.diagrams.scenario import Body, Scenario, given_keys, scenario_remarks
+from proxops.assets import ASSETS
+from proxops.diagrams.scenario import Body, Scenario, dotted, given_keys, scenario_remarks
 from proxops.systems.common import InputError, Progress
 
+SHIPPED = {
+    "body": sorted(path.stem for path in ASSETS.glob("*/*.yaml") if path.stem == path.parent.name),
+    "dispersions": sorted(path.stem for path in (ASSETS / "dispersions").glob("*.yaml")),
+}
+"""Names that values of a scenario may have, by their keys."""
+_CONTROLLERS = ("mpc", "policy", "hybrid", "pd", "zero", "policy:end-to-end", "hybrid:end-to-end")
+
+
+def complete_controllers(incomplete: str) -> list[str]:
+    """Completes a controller, or the last of several with commas between them."""
+    before, comma, last = incomplete.rpartition(",")
+    return [f"{before}{comma}{name}" for name in _CONTROLLERS if name.startswith(last)]
+
+
+def complete_dispersions(incomplete: str) -> list[str]:
+    """Completes the name of dispersions that ship."""
+    return [name for name in SHIPPED["dispersions"] if name.startswith(incomplete)]
+
+
+def complete_change(incomplete: str) -> list[str]:
+    """Completes a key of a scenario, and a value, where there are few."""
+    key, equals, _ = incomplete.partition("=")
+    found = [
+        f"{name}={value}"
+        for name, described in dotted()
+        if name == key or not equals
+        for value in (SHIPPED.get(name, described.choices) if equals else [""])
+        if equals or not described.sections or described.choices
+    ]
+    return [text for text in dict.fromkeys(found) if text.startswith(incomplete)]
+
+
+def _scenario_file(path: Path | None) -> Path | None:
+    """Says what may have been meant where a name stands in place of a scenario's file."""
+    name = "" if path is None or path.exists() else str(path)
+    meant = [f"--set {key}={name}" for key, names in SHIPPED.items() if name in names]
+    if name.partition(":")[0].partition(",")[0] in _CONTROLLERS:
+        meant.append(f"--controller {name} (of evaluate: --controllers)")
+    if meant:
+        raise InputError(f"there is no scenario file {name}: did you mean {' or '.join(meant)}?")
+    return path
+
+
+ScenarioFile = typing.Annotated[
+    Path | None,
+    typer.Argument(help="Scenario file (YAML). Default: Kleopatra.", callback=_scenario_file),
+]
+"""The argument of all commands that fly a scenario."""
 Processes = typing.Annotated[
     int | None, typer.Option(min=1, help="Processes. Default: one for each core.")
 ]
@@ -30,7 +79,11 @@ SchedulerAddress = typing.Annotated[
 """Options of all commands that fly many flights."""
 ScenarioChanges = typing.Annotated[
     list[str] | None,
-    typer.Option("--set", help="Change a scenario value: key.subkey=value. Repeatable."),
+    typer.Option(
+        "--set",
+        help="Change a scenario value: key.subkey=value. Repeatable.",
+        autocompletion=complete_change,
+    ),
 ]
 DispersionsName = typing.Annotated[
     str | None,
@@ -38,6 +91,7 @@ DispersionsName = typing.Annotated[
         "--dispersions",
         help="Draw each flight's world from after_survey, before_survey, first_look or paper, or "
         "from a YAML file of your own.",
+        autocompletion=complete_dispersions,
     ),
 ]
 AsJson = typing.Annotated[

@@ -13,9 +13,11 @@ from proxops.cli.common import (
     DispersionsName,
     Processes,
     ScenarioChanges,
+    ScenarioFile,
     SchedulerAddress,
     check_folder,
     check_transits_drawn,
+    complete_controllers,
     console,
     print_remarks,
     status,
@@ -29,15 +31,14 @@ from proxops.systems.common import InputError, write_json
 
 
 def evaluate_command(
-    scenario: Annotated[
-        Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
-    ] = None,
+    scenario: ScenarioFile = None,
     controllers: Annotated[
         str,
         typer.Option(
             help="Comma-separated: mpc[:BUNDLE], policy[:BUNDLE], hybrid[:BUNDLE], pd[:BUNDLE], "
             "zero, MODULE:FACTORY. BUNDLE is a folder, or end-to-end: the pilot for Kleopatra that "
-            "ships."
+            "ships.",
+            autocompletion=complete_controllers,
         ),
     ] = "mpc",
     transits: Annotated[
@@ -51,7 +52,9 @@ def evaluate_command(
     ),
     workers: Processes = None,
     scheduler: SchedulerAddress = None,
-    keep_logs: Annotated[bool, typer.Option(help="Keep every flight's log.")] = False,
+    keep_logs: Annotated[
+        bool, typer.Option("--keep-logs", help="Keep every flight's log.")
+    ] = False,
 ) -> None:
     """Fly a set of transits with each controller; write results.json, report.html and report.md.
 
@@ -67,7 +70,7 @@ def evaluate_command(
     # matplotlib is slow to import.
     from proxops.studies.campaigns import Variant, describe_flight, fly_variants
     from proxops.studies.figures import aggregate_all, figure_rows
-    from proxops.studies.report import write_evaluation
+    from proxops.studies.report import may_be_shown, write_evaluation
 
     names = [name.strip() for name in controllers.split(",") if name.strip()]
     if not names or len(set(names)) != len(names):
@@ -85,7 +88,7 @@ def evaluate_command(
     with work_bar("preparing the flights") as progress:
         rows = fly_variants(
             [Variant(name, name) for name in names], wanted, seed, transits, out / "flights",
-            keep_logs=keep_logs, describe=describe_flight,
+            keep_logs=keep_logs or may_be_shown, describe=describe_flight,
             workers=Workers(workers, scheduler, progress),
         )  # fmt: skip
     if any(row.get("dispersed") for group in rows.values() for row in group):
@@ -99,9 +102,9 @@ def evaluate_command(
     for label, cells in figure_rows(results, wanted.arrival):
         table.add_row(label, *cells)
     console.print(table)
-    with work_bar("flying those that are shown") as progress:
+    with work_bar("writing the report") as progress:
         write_evaluation(
-            out, results, wanted, seed, command=typed_command(), keep_logs=keep_logs,
+            out, results, wanted, seed, command=typed_command(),
             workers=Workers(workers, scheduler, progress),
         )  # fmt: skip
     status.print(f"Wrote results.json, report.html and report.md in {out}")

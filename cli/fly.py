@@ -19,7 +19,9 @@ from proxops.cli.common import (
     AsJson,
     DispersionsName,
     ScenarioChanges,
+    ScenarioFile,
     check_folder,
+    complete_controllers,
     print_remarks,
     print_rows,
     status,
@@ -37,7 +39,7 @@ from proxops.diagrams.logs import (
 )
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import Body, Scenario, TransitConfig, load_body, load_scenario
-from proxops.systems.common import InputError, make_folder, write_json
+from proxops.systems.common import InputError, compiling_told, make_folder, write_json
 from proxops.systems.navigation import MendedMap, save_mended_map
 
 # Share of the steps below which a navigation within three standard deviations is overconfident.
@@ -45,15 +47,14 @@ _CONSISTENT = 0.9
 
 
 def fly_command(
-    scenario: Annotated[
-        Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
-    ] = None,
+    scenario: ScenarioFile = None,
     controller: Annotated[
         str | None,
         typer.Option(
             help="mpc[:BUNDLE] (the default is mpc), policy[:BUNDLE], hybrid[:BUNDLE], "
             "pd[:BUNDLE], zero, or MODULE:FACTORY for your own controller. BUNDLE is a folder, or "
-            "end-to-end: the pilot for Kleopatra that ships."
+            "end-to-end: the pilot for Kleopatra that ships.",
+            autocompletion=complete_controllers,
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the set of transits.")] = None,
@@ -74,7 +75,9 @@ def fly_command(
             "--set navigation.map=FILE.obj flies with it.",
         ),
     ] = None,
-    meshcat: Annotated[bool, typer.Option(help="Show the flight live in a browser.")] = False,
+    meshcat: Annotated[
+        bool, typer.Option("--meshcat", help="Show the flight live in a browser.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly one transit; write flight.nc, summary.json and replay.html.
@@ -107,7 +110,7 @@ def fly_command(
         body, true_body = load_body(wanted.body), None
         wanted = _without_making_a_table(wanted, body)
         print_remarks(wanted, body)
-    with work_bar("flying") as progress:
+    with work_bar("flying") as progress, compiling_told(progress):
         log = fly(
             wanted, controller or "mpc", meshcat=server, progress=progress, body=body,
             true_body=true_body, finished=keep,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 from typer.core import TyperGroup
 from typer.main import get_command
 
@@ -22,6 +23,8 @@ COMMANDS = {
     "score": "Fly a controller over a track of the benchmark; write and print its row.",
     "collect": "Fly transits with the MPC; write a log of each, manifest.json and a report.",
     "replay": "Make the replay page of a flight log, and files for other tools.",
+    "scenario": "Print the default scenario as YAML, with what each value means, its unit and its "
+    "limits.",
     "shape": "Examine a mesh, mend it, and set up its body for flights.",
     "train": "Train a policy to predict the MPC's force.",
     "train-lidar": "Train two networks that predict lidar frames, ours and the paper's; compare "
@@ -95,7 +98,10 @@ def command(name: str) -> typing.Any:
     alone = typer.Typer(add_completion=False)
     alone.command(name)(function)
     _find_folder_for_matplotlib()
-    return get_command(alone)
+    made: typing.Any = get_command(alone)
+    for each in (made, *made.params):
+        each.help = escape(each.help or "")  # Else [exchange] would be markup.
+    return made
 
 
 def _module(name: str) -> str:

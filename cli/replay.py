@@ -18,7 +18,7 @@ def replay_command(
     log_file: Annotated[Path, typer.Argument(help="Flight log, such as flight.nc.")],
     out: Annotated[Path | None, typer.Option(help="HTML file. Default: beside the log.")] = None,
     movie: Annotated[
-        Path | None, typer.Option(help="Write a film too, .webp or .gif; needs Chromium.")
+        Path | None, typer.Option(help="Write a film too, .webp, .gif or .mp4; needs Chromium.")
     ] = None,
     mcap: Annotated[
         Path | None, typer.Option(help="Write an MCAP file too, for Foxglove and others.")
@@ -33,7 +33,7 @@ def replay_command(
 ) -> None:
     """Make the replay page of a flight log, and files for other tools.
 
-    --mcap and --oem need `pip install 'proxops[exchange]'`.
+    --mcap and --oem need `pip install 'proxops[exchange]'`, a film in .mp4 `'proxops[movie]'`.
 
     Examples:
 

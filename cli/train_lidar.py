@@ -13,6 +13,7 @@ from rich.table import Table
 from proxops.cli.common import (
     AsJson,
     ScenarioChanges,
+    ScenarioFile,
     check_folder,
     console,
     status,
@@ -24,9 +25,7 @@ from proxops.training.reports import DASH, number_text
 
 
 def train_lidar_command(
-    scenario: Annotated[
-        Path | None, typer.Argument(help="Scenario file (YAML). Default: Kleopatra.")
-    ] = None,
+    scenario: ScenarioFile = None,
     spacing: Annotated[
         float, typer.Option(help="Spacing in km of the grid of training positions.")
     ] = 20.0,

@@ -8,12 +8,12 @@ A line of a page that starts with one of these is replaced:
 * `!help`: what `proxops --help` prints.
 * `!file PATH`: a file of the repository, as code.
 * `!experiments PATH`: a Markdown file of the repository, without its title, headings a level down.
-* `!configs`: the dataclasses of a scenario, section by section, as code.
+* `!configs`: a table of the keys of each section of a scenario.
 * `!dispersions NAME`: a table of dispersions that ship, with the source of each number.
 * `!quantities`: the table of uncertain quantities, with whom they are told.
 * `!log_variables`: a table of a flight log's variables.
 * `!rooms`: which room imports which, drawn from the code.
-* `!modules FOLDER`: the reference of all rooms of a folder and their public modules.
+* `!modules FOLDER`: a table of the rooms of a folder, each of which has a page of reference.
 
 Executed notebooks (`make notebooks`) become pages, with what they printed and drew.
 
@@ -23,18 +23,17 @@ from elsewhere.
 """
 
 import ast
-import dataclasses as dc
 import functools
 import html
 import inspect
 import re
 import tempfile
-import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
+from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File
 from nbconvert import MarkdownExporter
 from typer.testing import CliRunner
@@ -46,7 +45,8 @@ from proxops.diagrams.logs import VARIABLES
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import (
     QUANTITIES,
-    Scenario,
+    DescribedKey,
+    described_keys,
     load_body,
     load_dispersions,
     load_scenario,
@@ -54,6 +54,7 @@ from proxops.diagrams.scenario import (
 )
 
 ROOT = Path(__file__).parents[1]
+_FOLDERS = ("systems", "diagrams", "training", "studies")
 _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 _LOADED = re.compile(r'<(?:script|img|iframe)[^>]+src="https?:|<link[^>]+href="https?:[^>]*>')
 _SHOWN = re.compile(r'<iframe[^>]+src="([^":]+)"')
@@ -111,21 +112,25 @@ def _dispersions(name: str) -> str:
 
 
 def _configs(_: str) -> str:
-    def sections(schema: type, key: str, tag: str = "") -> Iterator[tuple[str, type]]:
-        yield (key or "The whole scenario") + tag, schema
-        for field in dc.fields(schema):
-            path = f"{key}.{field.name}".strip(".")
-            options = typing.get_args(field.type) or (field.type,)
-            configs = [option for option in options if dc.is_dataclass(option)]
-            for option in configs:
-                tag = f": !{option.__name__.removesuffix('Config')}" if len(configs) > 1 else ""
-                yield from sections(option, path, tag)
+    def sections(title: str, keys: Sequence[DescribedKey]) -> Iterator[str]:
+        rows = [
+            f"| `{key.name}` | {_code(key.default)} | {key.unit} | {key.limits} | {key.meaning} |"
+            for key in keys
+        ]
+        head = ["| key | default | unit | limits | meaning |", "|---|---|---|---|---|"]
+        yield "\n".join([f"## {title or 'The whole scenario'}", "", *head, *rows])
+        for key in keys:
+            for tag, inner in key.sections.items():
+                named = f": !{tag}" if len(key.sections) > 1 else ""
+                yield from sections(
+                    f"{title.partition(':')[0]}.{key.name}".strip(".") + named, inner
+                )
 
-    parts = []
-    for title, schema in sections(Scenario, ""):
-        code = re.sub(r"^@config\n", "", inspect.getsource(schema))
-        parts += [f"## {title}", f"```python\n{code}```"]
-    return "\n\n".join(parts)
+    return "\n\n".join(sections("", described_keys()))
+
+
+def _code(text: str) -> str:
+    return text and f"`{text}`"
 
 
 def _quantities(_: str) -> str:
@@ -161,15 +166,29 @@ def _experiments(path: str) -> str:
     return re.sub(r"^#", "##", text, flags=re.MULTILINE)
 
 
+def _faces(folder: str) -> dict[str, str]:
+    """The docstring of each room of a folder, by its name."""
+    return {
+        path.parent.name: ast.get_docstring(ast.parse(path.read_text())) or ""
+        for path in sorted((ROOT / folder).glob("*/__init__.py"))
+    }
+
+
 def _modules(folder: str) -> str:
+    lines = ["| room | what lives there |", "|---|---|"]
+    for room, about in _faces(folder).items():
+        first = " ".join(about.partition("\n\n")[0].split())
+        lines.append(f"| [{room}]({folder}/{room}.md) | {first} |")
+    return "\n".join(lines)
+
+
+def _room_page(folder: str, room: str, about: str) -> str:
+    """The reference of the public modules of a room."""
     options = "    options: {show_root_heading: false}"
-    parts = []
-    for room in sorted(path.parent for path in (ROOT / folder).glob("*/__init__.py")):
-        about = ast.get_docstring(ast.parse((room / "__init__.py").read_text()))
-        parts.append(f"## {room.name}\n\n{about}\n")
-        for name in sorted(path.stem for path in room.glob("[!_]*.py")):
-            module = f"proxops.{folder}.{room.name}.{name}"
-            parts.append(f"### {room.name}.{name}\n\n::: {module}\n{options}\n")
+    parts = [f"# proxops.{folder}.{room}\n\n{about}\n"]
+    for name in sorted(path.stem for path in (ROOT / folder / room).glob("[!_]*.py")):
+        module = f"proxops.{folder}.{room}.{name}"
+        parts.append(f"## {room}.{name}\n\n::: {module}\n{options}\n")
     return "\n".join(parts)
 
 
@@ -249,8 +268,30 @@ _MAKERS = {
 }
 
 
+def on_config(config, **_):
+    """Puts a page for each room below the page of its folder."""
+
+    def with_rooms(entry):
+        if isinstance(entry, dict):
+            return {title: with_rooms(inner) for title, inner in entry.items()}
+        if isinstance(entry, list):
+            return [with_rooms(each) for each in entry]
+        found = re.fullmatch(r"reference/(\w+)\.md", entry)
+        if found is None or found[1] not in _FOLDERS:
+            return entry
+        rooms = (f"reference/{found[1]}/{room}.md" for room in _faces(found[1]))
+        return {f"proxops.{found[1]}": [entry, *rooms]}
+
+    config.nav = with_rooms(config.nav)
+    return config
+
+
 def on_files(files, config, **_):
-    """Adds the replay of the front page: transit 1, flown by the hybrid."""
+    """Adds the rooms' pages, the notebooks', and the replay of the front page: transit 1."""
+    for folder in _FOLDERS:
+        for room, about in _faces(folder).items():
+            page = _room_page(folder, room, about)
+            files.append(File.generated(config, f"reference/{folder}/{room}.md", content=page))
     log = fly(load_scenario(None, ["transit.index=1"]), "hybrid")
     if not log.summary["success"]:
         raise PluginError("the flight of the front page does not arrive")
@@ -304,8 +345,14 @@ def on_page_content(content, **_):
     return _EQUATION.sub(written, content)
 
 
+@event_priority(-100)  # After the search's own.
 def on_post_build(config, **_):
-    """Refuses pages that need a network, or that show a page that is not there."""
+    """Refuses pages that need a network, or that show a page that is not there.
+
+    The index of the search becomes a script, too, which pages load that are opened from files.
+    """
+    index = Path(config.site_dir, "search", "search_index.json")
+    index.with_suffix(".js").write_text(f"var __index = {index.read_text()}")
     for page in Path(config.site_dir).rglob("*.html"):
         text = page.read_text()
         for found in _LOADED.findall(text):

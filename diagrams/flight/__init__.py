@@ -1,9 +1,10 @@
 """Flights: a scenario and a controller go in, a log comes out, for one flight or many.
 
 Start with `fly` for one flight, `make_transit_diagram` for its wiring, `add_transit` for a flight
-in a diagram of one's own, `named_controller` for the controllers that have a name, and
-`run_campaign` for many flights on many processes. A new controller needs no change here: it offers
-its own columns of the log and its own legend entry (see docs/how_to/own_controller.md).
+in a diagram of one's own, `named_controller` for the controllers that have a name, `fly_many` for a
+sweep on many processes, and `run_campaign` for flights that are stored. A new controller needs no
+change here: it offers its own columns of the log and its own legend entry (see
+docs/how_to/own_controller.md).
 """
 
 from proxops.diagrams.flight.campaign import (
@@ -11,6 +12,7 @@ from proxops.diagrams.flight.campaign import (
     Row,
     controller_label,
     file_label,
+    fly_many,
     run_campaign,
     run_groups,
     transit_flights,
@@ -54,6 +56,7 @@ __all__ = [
     "diagram_of",
     "file_label",
     "fly",
+    "fly_many",
     "let_go",
     "make_backup",
     "make_events",

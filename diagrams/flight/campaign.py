@@ -8,6 +8,8 @@ import fcntl
 import functools
 import hashlib
 import json
+import re
+import tempfile
 import typing
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -36,6 +38,9 @@ Row = dict[str, typing.Any]
 Describe = Callable[[FlightLog, Path | None], Row]
 """Makes the row that a campaign stores for a flight, from its log and the path of the log's file
 (None if logs are not kept). It is sent to the workers, so it must be a function of a module."""
+Choose = Callable[[Mapping[str, Row]], set[str]]
+"""Gives, of some flights' rows by their names, the names of those whose logs stay. What does not
+stay among some flights must not stay among more."""
 
 
 @dc.dataclass(frozen=True)
@@ -107,7 +112,7 @@ def run_campaign(
     flights: Sequence[Flight],
     folder: Path,
     *,
-    keep_logs: bool = False,
+    keep_logs: bool | Choose = False,
     describe: Describe = _summary,
     workers: Workers = Workers(),
 ) -> list[Row]:
@@ -122,7 +127,8 @@ def run_campaign(
     Args:
       flights: the flights of the campaign.
       folder: is created if it does not exist.
-      keep_logs: whether to write the logs too.
+      keep_logs: whether to write the logs too; or which of those flown now stay. A flight that is
+        stored is flown again for its log only if all are kept.
       describe: makes the row of a flight; by default, the row is the log's summary.
       workers: fly, and report how many flights have ended.
 
@@ -138,7 +144,7 @@ def run_campaign(
     rows: dict[str, Row] = {}
     todo = []
     for flight in flights:
-        row = _finished(flight, folder, keep_logs)
+        row = _finished(flight, folder, keep_logs is True)
         if row is None:
             todo.append(flight)
         else:
@@ -147,20 +153,75 @@ def run_campaign(
     kept = f"; {len(rows)} are there from before" if rows else ""
     done, text = _progress(rows, len(flights))
     workers.progress(done, text + kept)
+    held: set[str] = set()
     # Flights that another process is flying come last, and are then waited for.
     for wait in (False, True):
         task = functools.partial(
-            _fly_one, folder=folder.resolve(), keep_logs=keep_logs, describe=describe, wait=wait
+            _fly_one,
+            folder=folder.resolve(),
+            keep_logs=None if callable(keep_logs) else keep_logs,
+            describe=describe,
+            wait=wait,
         )
         with contextlib.closing(workers.results(todo, task)) as results:
             for name, row in results:
                 if row is not None:
                     rows[name] = row
+                    if callable(keep_logs) and "unflyable" not in row:
+                        held = _let_logs_go(
+                            folder, keep_logs, {each: rows[each] for each in (*held, name)}
+                        )
                     workers.progress(*_progress(rows, len(flights)))
         todo = [flight for flight in todo if flight.name not in rows]
         if not todo:
             break
     return [rows[flight.name] for flight in flights]
+
+
+def fly_many(
+    scenarios: Mapping[str, Scenario],
+    controller: str = "mpc",
+    folder: Path | None = None,
+    **options: typing.Any,
+) -> dict[str, Row]:
+    """Flies scenarios on all cores, such as those of a sweep: see `run_campaign`.
+
+    `pandas.DataFrame(fly_many({"60 kg": …, "90 kg": …})).T` is a table of all figures.
+
+    Args:
+      scenarios: by names, which become names of files in `folder`, so they are made of letters,
+        digits, hyphens, blanks and dots. Each has a transit of its own; with dispersions, its world
+        is drawn.
+      controller: a name that `named_controller` takes.
+      folder: keeps the rows, so that no flight is flown twice; None: they are not kept.
+      options: those of `run_campaign`.
+
+    Returns:
+      The summary of each flight, by its name.
+
+    Raises:
+      InputError: a scenario cannot be flown; or see `run_campaign`.
+    """
+    flights = []
+    for name, scenario in scenarios.items():
+        if re.fullmatch(r"[\w. -]+", name) is None:
+            raise InputError(f"{name!r} is no name of a file: use letters, digits, blanks, - and .")
+        body = load_body(scenario.body)
+        drawn = draw_world(scenario, body)
+        flights.append(Flight(name, drawn, controller, provenance(drawn, body, controller)))
+    with contextlib.ExitStack() as stack:
+        if folder is None:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        rows = run_campaign(flights, folder, **options)
+    return dict(zip(scenarios, rows, strict=True))
+
+
+def _let_logs_go(folder: Path, choose: Choose, rows: Mapping[str, Row]) -> set[str]:
+    """Removes the logs of flights that are not chosen; gives the names of the others."""
+    chosen = choose(rows)
+    for name in rows.keys() - chosen:
+        (folder / f"{name}.nc").unlink(missing_ok=True)
+    return chosen
 
 
 def _progress(rows: Mapping[str, Row], count: int) -> tuple[float, str]:
@@ -190,13 +251,17 @@ def run_groups(
 
 
 def _fly_one(
-    flight: Flight, folder: Path, keep_logs: bool, describe: Describe, wait: bool
+    flight: Flight, folder: Path, keep_logs: bool | None, describe: Describe, wait: bool
 ) -> Row | None:
-    """The row of a flight; None if another process flies it and is not waited for."""
+    """The row of a flight; None if another process flies it and is not waited for.
+
+    Args:
+      keep_logs: None: a log is written, but a flight is not flown again for it.
+    """
     with _locked(folder, flight.name, wait) as locked:
         if not locked:
             return None
-        row = _finished(flight, folder, keep_logs)
+        row = _finished(flight, folder, keep_logs is True)
         if row is not None:
             return row  # Another process has flown it meanwhile.
         own, asked = own_version(), flight.provenance.version
@@ -207,7 +272,7 @@ def _fly_one(
             )
         for part in folder.glob(f".{flight.name}.*.part"):
             part.unlink()  # A process that was killed left it.
-        path = folder / f"{flight.name}.nc" if keep_logs else None
+        path = None if keep_logs is False else folder / f"{flight.name}.nc"
         try:
             log = fly(flight.scenario, flight.controller, body=_body_of(flight))
         except UnflyableWorldError as error:

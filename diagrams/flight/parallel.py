@@ -17,8 +17,6 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from uuid import uuid4
 
-import numba
-
 from proxops.diagrams.flight.main_guard import check_main_guard
 from proxops.systems.common import InputError, Progress, needed, one_thread, part_of, silent
 
@@ -226,7 +224,6 @@ def _serve(connection: Connection) -> None:
 
 def _on_one_thread(task: Callable[[Work], Result], piece: Work) -> Result:
     """Does a piece of work on one thread, because other processes use the other cores."""
-    numba.set_num_threads(1)
     with one_thread():
         return task(piece)
 

@@ -22,6 +22,7 @@ class Column(NamedTuple):
     dimensions: tuple[str, ...]
     """Its dimensions after time."""
     units: str
+    """After the CF conventions; where components differ, that of each, with semicolons between."""
     long_name: str
     codes: type[IntEnum] | None = None
     """Its codes, written as flag_values and flag_meanings after the CF conventions."""
@@ -34,9 +35,10 @@ def _record(name: str, columns: dict[str, Column]) -> dict[str, Column]:
     return {column: each._replace(record=name) for column, each in columns.items()}
 
 
+_OF_A_STATE = "m; m; m; m/s; m/s; m/s"
 VARIABLES = {
-    "state": Column(("component",), "m; m/s", "position and velocity of the spacecraft in K"),
-    "target": Column(("component",), "m; m/s", "commanded final position and velocity in K"),
+    "state": Column(("component",), _OF_A_STATE, "position and velocity of the spacecraft in K"),
+    "target": Column(("component",), _OF_A_STATE, "commanded final position and velocity in K"),
     "force": Column(
         ("axis",), "N",
         "force that the thrusters are to give, in S, from force_delay_s after this time on",
@@ -126,10 +128,10 @@ VARIABLES = {
         ),
     }),
     "estimate": Column(
-        ("component",), "m; m/s", "the policy's estimate of the state in K; NaN: none",
+        ("component",), _OF_A_STATE, "the policy's estimate of the state in K; NaN: none",
     ),
     "navigation_state": Column(
-        ("component",), "m; m/s",
+        ("component",), _OF_A_STATE,
         "position and velocity in K as the navigation knows them; NaN: it has none",
     ),
     "navigation_attitude": Column(
@@ -137,7 +139,7 @@ VARIABLES = {
         "rotation of S against K as the navigation knows it: unit quaternion w, x, y, z",
     ),
     "navigation_covariance": Column(
-        ("known", "known_with"), "m, m/s, rad",
+        ("known", "known_with"), f"{_OF_A_STATE}; rad; rad; rad",
         "covariance of navigation_state and of the rotation vector of S in K, as it is known",
     ),
     **_record("navigation_record", {

@@ -236,7 +236,9 @@ def _variable(
     column: Column, values: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray, dict[str, typing.Any]]:
     """Gives a variable of the dataset: dimensions, values (N, ...) and attributes."""
-    notes: dict[str, typing.Any] = {"units": column.units, "long_name": column.long_name}
+    # A unit of several parts is none after the CF conventions, so it has a name of its own.
+    unit = "units" if ";" not in column.units else "units_of_components"
+    notes: dict[str, typing.Any] = {unit: column.units, "long_name": column.long_name}
     if column.codes is not None:
         notes["flag_values"] = np.array([*column.codes], dtype=values.dtype)
         notes["flag_meanings"] = " ".join(code.name.lower() for code in column.codes)

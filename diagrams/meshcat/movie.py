@@ -1,4 +1,4 @@
-"""Makes a film of a flight: Chromium draws the frames of its replay, Pillow writes the file."""
+"""Makes a film of a flight: Chromium draws the frames of its replay, Pillow or ffmpeg writes."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from pathlib import Path
 
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat.replay import replay_page
-from proxops.systems.common import InputError, write_whole
+from proxops.systems.common import InputError, needed, write_whole
 
 # Endings of the files that can be written.
-_SUFFIXES = (".webp", ".gif")
+_SUFFIXES = (".webp", ".gif", ".mp4")
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _FLAGS = (
     "--headless=new",
@@ -94,22 +94,25 @@ def write_movie(
     frames_per_second: float = 10.0,
     width: int = 640,
 ) -> None:
-    """Writes a film of a whole flight, which plays again and again.
+    """Writes a film of a whole flight. WebP and GIF play again and again.
 
     Args:
       log: the log of the flight.
-      path: of a WebP (small) or a GIF (large, shown everywhere), by its ending.
+      path: of a WebP (small), a GIF (large, shown everywhere) or an MP4 (takes the extra `movie`),
+        by its ending.
       seconds: length of the film.
       frames_per_second: that many frames in each.
       width: of the picture, in pixels; its height is five eighths of that.
 
     Raises:
       InputError: the path has another ending, the folder cannot be written, there is no Chromium on
-        this machine, or it shows no flight.
+        this machine, it shows no flight, or the extra is not installed.
     """
     path = Path(path)
     if path.suffix not in _SUFFIXES:
-        raise InputError(f"{path}: a film is a {' or '.join(_SUFFIXES)} file")
+        raise InputError(f"{path}: a film is a {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]} file")
+    # Before the frames are drawn, which takes a minute.
+    ffmpeg = needed("imageio_ffmpeg", "movie").get_ffmpeg_exe() if path.suffix == ".mp4" else ""
     browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
     if browser is None:
         raise InputError(
@@ -140,14 +143,34 @@ def write_movie(
         raise InputError(
             f"{browser} drew {len(frames)} of {count} frames: {drawn.stderr.strip()[-500:]}"
         )
-    _write(frames, path, frames_per_second)
+    jpegs = [base64.b64decode(each) for each in frames]
+    if ffmpeg:
+        _write_mp4(jpegs, path, frames_per_second, ffmpeg)
+    else:
+        _write_pictures(jpegs, path, frames_per_second)
 
 
-def _write(frames: list[str], path: Path, frames_per_second: float) -> None:
-    """Writes pictures, JPEG in base64, as an animation."""
+def _write_mp4(frames: list[bytes], path: Path, frames_per_second: float, ffmpeg: str) -> None:
+    """Writes JPEGs as a film that browsers and slides play."""
+    # Players need a yellow, a blue and a red for every four pixels, so even sizes.
+    even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]
+    coded = ["-c:v", "libx264", "-movflags", "+faststart", "-f", "mp4", "-y"]
+    read = ["-f", "image2pipe", "-c:v", "mjpeg", "-framerate", str(frames_per_second), "-i", "-"]
+
+    def write(name: Path) -> None:
+        command = [ffmpeg, "-loglevel", "error", *read, *even, *coded, str(name)]
+        ran = subprocess.run(command, input=b"".join(frames), capture_output=True, check=False)
+        if ran.returncode:
+            raise InputError(f"{path}: ffmpeg failed: {ran.stderr.decode(errors='replace')[-500:]}")
+
+    write_whole(path, write)
+
+
+def _write_pictures(frames: list[bytes], path: Path, frames_per_second: float) -> None:
+    """Writes JPEGs as an animated picture."""
     from PIL import Image  # Only films need it.
 
-    first, *others = (Image.open(io.BytesIO(base64.b64decode(each))) for each in frames)
+    first, *others = (Image.open(io.BytesIO(each)) for each in frames)
     options = {"quality": 60, "method": 4} if path.suffix == ".webp" else {"optimize": True}
 
     def write(name: Path) -> None:

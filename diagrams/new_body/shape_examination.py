@@ -33,6 +33,8 @@ from proxops.systems.shapes import (
 
 # Least and greatest length (m) of a small body: a boulder and Pluto.
 _PLAUSIBLE_LENGTH = (1.0, 2.5e6)
+# A mesh that is shorter (m) may be in km: that of a body of 20 km is 20 long.
+_LEAST_VISITED = 30.0
 # Grid of the hover map over the keep-out ellipsoid, in degrees.
 _MAP_STEP = 5.0
 # Places of it whose gravity is computed at a time, between reports of progress.
@@ -135,6 +137,8 @@ def _look_at_solid(report: ShapeReport) -> ShapeReport:
     keep_out = smallest_ellipsoid(about_centre, report.questions.margin)
     remarks = list(report.remarks)
     size = float(np.ptp(vertices, axis=0).max())
+    if report.file.unit == "m" and size < _LEAST_VISITED and report.questions.mass_kg is None:
+        remarks.append(f"the body is {size:.3g} m long: if its mesh is in km, give --unit km")
     offset = float(np.linalg.norm(solid.centre_of_mass))
     if offset > 1e-3 * size:
         remarks.append(f"the centre of mass is {offset:.4g} m from the origin")

@@ -12,6 +12,12 @@ simulates.
 from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, load_body
 from proxops.diagrams.scenario.bounds import described_bounds, uncertainty_set
 from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
+from proxops.diagrams.scenario.key_descriptions import (
+    DescribedKey,
+    commented_scenario,
+    described_keys,
+    dotted,
+)
 from proxops.diagrams.scenario.keys import differing_values, dotted_leaves, given_keys
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
@@ -78,6 +84,7 @@ __all__ = [
     "AssuranceConfig",
     "Body",
     "BodyConfig",
+    "DescribedKey",
     "Dispersion",
     "ForceNoiseConfig",
     "HybridConfig",
@@ -105,9 +112,12 @@ __all__ = [
     "check_constants",
     "check_flyable",
     "check_scenario",
+    "commented_scenario",
     "described_bounds",
+    "described_keys",
     "differing_values",
     "dispersed_values",
+    "dotted",
     "dotted_leaves",
     "draw_transit",
     "draw_world",

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.scenario.plain_yaml import read_yaml
+from proxops.diagrams.scenario.plain_yaml import TAG, read_yaml
 from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path
@@ -184,8 +184,8 @@ def apply_overrides(tree: dict[str, typing.Any], values: typing.Mapping[str, typ
         *parents, last = key.split(".")
         inner = tree
         for name in parents:
-            if not isinstance(inner.get(name), dict):
-                inner[name] = {}
+            if not isinstance(section := inner.get(name), dict):
+                inner[name] = {TAG: f"!{section}"} if isinstance(section, str) else {}
             inner = inner[name]
         inner[last] = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 

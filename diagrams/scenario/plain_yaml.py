@@ -56,7 +56,9 @@ class _Reader(*_BASES):
         """Makes the dict of a mapping with a tag that is not of the core schema."""
         if not isinstance(node, yaml.MappingNode):
             raise _refusal(
-                f"the tag {tag} needs a mapping after it, which may be empty: {tag} {{}}", node
+                f"the tag {tag} needs a mapping after it, which may be empty: {tag} {{}}; or write "
+                f"{tag.removeprefix('!')} alone",
+                node,
             )
         return self.construct_mapping(node, deep=True) | {TAG: tag}
 

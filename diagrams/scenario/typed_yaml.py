@@ -134,6 +134,8 @@ def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typ
         if chosen is None:
             raise InputError(f"{source}: {path} cannot be {tag}; choose from {', '.join(nested)}")
         return load_typed(chosen, value, source, path)
+    if isinstance(value, str) and str not in options and f"!{value}" in nested:
+        return nested[f"!{value}"]()  # A tag alone, as in --set navigation=TrueState.
     for option in options:
         if not fits(value, option):
             continue
@@ -146,7 +148,7 @@ def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typ
     wanted = "`key: value` lines" if nested else " or ".join(map(in_words, options))
     wanted = f"a text or {wanted}" if nested and str in options else wanted
     if len(nested) > 1:
-        wanted += f", or one of {', '.join(f'{tag} {{}}' for tag in nested)}"
+        wanted += f", or one of {', '.join(tag.removeprefix('!') for tag in nested)}"
     raise InputError(f"{source}: {path} needs {wanted}, got {reprlib.repr(value)}")
 
 

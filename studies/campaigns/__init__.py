@@ -26,6 +26,7 @@ from proxops.studies.campaigns.table import (
 from proxops.studies.campaigns.variants import (
     Logs,
     Variant,
+    evaluate,
     fly_logs,
     fly_variants,
     load_logs,
@@ -49,6 +50,7 @@ __all__ = [
     "campaign_name",
     "describe_flight",
     "describe_steps",
+    "evaluate",
     "flown_campaign",
     "fly_campaign",
     "fly_logs",

@@ -10,6 +10,7 @@ from pathlib import Path
 from proxops.diagrams.flight import (
     Flight,
     Row,
+    Workers,
     controller_label,
     provenance,
     run_campaign,
@@ -22,7 +23,10 @@ from proxops.diagrams.scenario import (
     Scenario,
     change_scenario,
     load_body,
+    load_scenario,
 )
+from proxops.studies.campaigns.describing import describe_flight
+from proxops.studies.figures import Results, aggregate_all
 from proxops.systems.common import InputError
 
 World = Callable[[Scenario, Body], Scenario]
@@ -73,6 +77,36 @@ def fly_variants(
     _check_names(variants)
     flights = {each.name: variant_flights(each, scenario, seed, range(count)) for each in variants}
     return run_groups(flights, folder, **options)
+
+
+def evaluate(
+    controllers: Sequence[str],
+    scenario: Scenario | None = None,
+    *,
+    transits: int = 50,
+    seed: int = 10_000,
+    folder: Path,
+    workers: Workers = Workers(),
+) -> Results:
+    """Flies the same transits with several controllers, and gives the figures of each.
+
+    This is what `proxops evaluate` does, without its report.
+
+    Args:
+      controllers: names that `named_controller` takes.
+      scenario: None: the default one.
+      transits: the number of transits. seed: of the set of transits.
+      folder: keeps the flights, so that no flight is flown twice.
+      workers: fly.
+
+    Raises:
+      InputError: see `fly_variants`.
+    """
+    rows = fly_variants(
+        [Variant(name, name) for name in controllers], scenario or load_scenario(), seed, transits,
+        folder, describe=describe_flight, workers=workers,
+    )  # fmt: skip
+    return aggregate_all(rows)
 
 
 def fly_logs(

@@ -24,7 +24,7 @@ from proxops.studies.report.plots import (
     path_handles,
     plot_flights,
 )
-from proxops.studies.report.shown_flights import outcome
+from proxops.studies.report.shown_flights import may_be_shown, outcome
 
 __all__ = [
     "BLACK",
@@ -38,6 +38,7 @@ __all__ = [
     "driver_blocks",
     "figure_table",
     "label_axis",
+    "may_be_shown",
     "new_figure",
     "outcome",
     "path_handles",

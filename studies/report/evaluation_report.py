@@ -72,18 +72,16 @@ def write_evaluation(
     seed: int,
     *,
     command: str,
-    keep_logs: bool,
     workers: Workers,
 ) -> None:
     """Writes the report of an evaluation, and pages that replay the worst flights.
 
     Args:
-      out: a folder; with `keep_logs` its folder `flights` has the logs of all flights, else those
-        that are shown are flown again into its folder `shown`.
+      out: a folder; its folder `flights` has the flights, and logs of those that are shown. What
+        has no log is flown again.
       command: as it was typed.
     """
-    folder = out / ("flights" if keep_logs else "shown")
-    logs = shown_logs(results, scenario, seed, folder, keep_logs, workers)
+    logs = shown_logs(results, scenario, seed, out / "flights", workers)
     write_worst(out, results, logs)
     body = load_body(scenario.body).config.name
     head = [Text(command, code=True), *_head(results, scenario.arrival, body)]

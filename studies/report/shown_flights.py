@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses as dc
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from proxops.diagrams.flight import Row, Workers, controller_label
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import Scenario
-from proxops.studies.campaigns import Logs, Variant, fly_logs
+from proxops.studies.campaigns import Logs, Variant, describe_flight, fly_logs
 from proxops.studies.figures import Result, Results
 from proxops.systems.common import make_folder
 
@@ -64,19 +63,34 @@ def shown_transits(results: Results) -> dict[str, list[int]]:
     return shown
 
 
+def may_be_shown(rows: Mapping[str, Row]) -> set[str]:
+    """The names of flights, of some whose rows are given by name, that a report may show.
+
+    They are the first four and the five worst of each controller. A campaign keeps their logs as it
+    goes (`keep_logs` of `run_campaign`), so that few are flown again for the report.
+    """
+    names = {(row["controller"], row["transit"]): name for name, row in rows.items()}
+    chosen = set()
+    for controller in {controller for controller, _ in names}:
+        own = [row for row in rows.values() if row["controller"] == controller]
+        first = sorted(own, key=lambda row: row["transit"])[:_PATHS]
+        chosen |= {(controller, row["transit"]) for row in (*first, *worst_flights(own, _REPLAYED))}
+    return {names[each] for each in chosen}
+
+
 def shown_logs(
-    results: Results, scenario: Scenario, seed: int, folder: Path, frames: bool, workers: Workers
+    results: Results, scenario: Scenario, seed: int, folder: Path, workers: Workers
 ) -> Logs:
-    """Returns the logs of the flights that `shown_transits` names, flown again if need be.
+    """Returns the logs of the flights that `shown_transits` names, flown again if they are gone.
 
     Args:
-      folder: a folder for these flights alone; or, if all logs were kept, that of all flights.
-      frames: keeps lidar frames, as the logs in the folder of all flights do. The report does not
-        need them, and they take most of the space.
+      folder: that of all flights.
     """
-    flown = dc.replace(scenario, log_ranges=scenario.log_ranges and frames)
     variants = [Variant(name, name) for name in results]
-    return fly_logs(variants, flown, seed, shown_transits(results), folder, workers=workers)
+    return fly_logs(
+        variants, scenario, seed, shown_transits(results), folder,
+        describe=describe_flight, workers=workers,
+    )  # fmt: skip
 
 
 def replay_page(name: str, row: Row) -> str:

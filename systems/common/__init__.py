@@ -51,7 +51,7 @@ from proxops.systems.common.files import (
     write_whole,
 )
 from proxops.systems.common.html_tables import html_table
-from proxops.systems.common.kernels import kernel
+from proxops.systems.common.kernels import compiling_told, kernel
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import (
     Quaternion,
@@ -68,15 +68,18 @@ from proxops.systems.common.settings import (
     FAR,
     LONG,
     check_limits,
+    choices_of,
     config,
+    limits_in_words,
     limits_of,
     number,
     one_of,
+    unit_of,
     values_in_words,
     vector,
 )
 from proxops.systems.common.text_files import decoded
-from proxops.systems.common.threads import one_thread
+from proxops.systems.common.threads import one_thread, threads_to_use
 from proxops.systems.common.user_cache import keep_arrays, kept_arrays, name_of
 from proxops.systems.common.user_folders import cache_folder
 
@@ -107,6 +110,8 @@ __all__ = [
     "check_positive",
     "check_type",
     "checked_semi_axes",
+    "choices_of",
+    "compiling_told",
     "config",
     "cross_matrix",
     "decoded",
@@ -121,6 +126,7 @@ __all__ = [
     "keep_arrays",
     "kept_arrays",
     "kernel",
+    "limits_in_words",
     "limits_of",
     "make_folder",
     "name_of",
@@ -138,7 +144,9 @@ __all__ = [
     "rotation_matrix",
     "silent",
     "spread_directions",
+    "threads_to_use",
     "turned_vector",
+    "unit_of",
     "values_in_words",
     "vector",
     "whole_folder",

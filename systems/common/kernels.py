@@ -11,12 +11,13 @@ import shutil
 import sys
 import time
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import numba
-from numba.core import config
+from numba.core import config, event
 
+from proxops.systems.common.progress import Progress
 from proxops.systems.common.user_folders import cache_folder
 
 # At the left margin, so that all of them have been imported when a function below is compiled.
@@ -26,6 +27,7 @@ _IMPORT = re.compile(
 _NAME = re.compile(r"(\w+)(?: as (\w+))?")
 _COMMENT = re.compile(r"#.*")
 _DAYS_KEPT = 30.0
+_names: list[str] = []
 
 
 def kernel(function: Callable[..., typing.Any] | None = None, **options: typing.Any) -> typing.Any:
@@ -41,14 +43,45 @@ def kernel(function: Callable[..., typing.Any] | None = None, **options: typing.
     """
     if function is None:
         return functools.partial(kernel, **options)
+    _names.append(function.__name__)
     folder = _folder(function.__code__.co_filename)
     # numba asks for its folder when the function is decorated. Other functions keep theirs.
     before = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
     try:
         config.CACHE_DIR = str(folder or "")  # pyright: ignore[reportAttributeAccessIssue]
-        return numba.njit(cache=folder is not None, **options)(function)
+        # Nothing calls a kernel from C, and the wrapper for it takes time to compile.
+        options |= {"cache": folder is not None, "no_cfunc_wrapper": True}
+        return numba.njit(**options)(function)
     finally:
         config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@contextlib.contextmanager
+def compiling_told(progress: Progress) -> Generator[None]:
+    """Within the block, reports each kernel that is compiled, of those that have been imported.
+
+    What is loaded from disk is not reported, nor is what a kernel needs of numba itself.
+    """
+    listener = _CompilationListener(progress)
+    with event.install_listener("numba:compile", listener):
+        yield
+
+
+class _CompilationListener(event.Listener):
+    """Tells a `Progress` what numba compiles."""
+
+    def __init__(self, progress: Progress):
+        self._progress, self._count = progress, 0
+
+    def on_start(self, event: event.Event) -> None:
+        """Reports a kernel, before it is compiled."""
+        if event.data is not None and (name := event.data["dispatcher"].__name__) in _names:
+            self._count += 1
+            share = min(1.0, self._count / len(_names))
+            self._progress(share, f"compiling {name}: {self._count} of at most {len(_names)}")
+
+    def on_end(self, event: event.Event) -> None:
+        """Reports nothing."""
 
 
 @functools.cache

@@ -28,6 +28,15 @@ class _Range:
     below: float | None
     unit: str
 
+    @property
+    def words(self) -> str:
+        """What is permitted."""
+        bounds = {
+            "at least": self.at_least, "above": self.above,
+            "at most": self.at_most, "below": self.below,
+        }  # fmt: skip
+        return ", ".join(f"{word} {bound:g}" for word, bound in bounds.items() if bound is not None)
+
     def complaint(self, value: float) -> str | None:
         """Says what is wrong with a value; None if nothing is."""
         low, finite = self.at_least, isinstance(value, int) or math.isfinite(value)
@@ -52,6 +61,16 @@ class _Vector:
 
     size: int
     each: _Range
+
+    @property
+    def words(self) -> str:
+        """What is permitted."""
+        return f"{self.size} numbers, each {self.each.words}"
+
+    @property
+    def unit(self) -> str:
+        """That of each number."""
+        return self.each.unit
 
     def complaint(self, value: Sequence[float]) -> str | None:
         """Says what is wrong with a value; None if nothing is."""
@@ -144,6 +163,21 @@ def limits_of(field: dc.Field) -> tuple[float, float] | None:
     if high is None:
         high = math.inf if limits.below is None else math.nextafter(limits.below, -math.inf)
     return low, high
+
+
+def limits_in_words(field: dc.Field) -> str:
+    """Says what numbers a field may hold; "" if it has no limits."""
+    return getattr(field.metadata.get(_KEY), "words", "")
+
+
+def unit_of(field: dc.Field) -> str:
+    """Gives the unit of a field; "" if it has none."""
+    return getattr(field.metadata.get(_KEY), "unit", "")
+
+
+def choices_of(field: dc.Field) -> tuple[str, ...]:
+    """Gives the texts of which a field holds one; () if it may hold others."""
+    return getattr(field.metadata.get(_KEY), "options", ())
 
 
 def values_in_words(config: typing.Any) -> str:

@@ -6,6 +6,7 @@ import contextlib
 import contextvars
 import functools
 import importlib
+import os
 from collections.abc import Generator
 
 from threadpoolctl import ThreadpoolController
@@ -29,6 +30,16 @@ def one_thread() -> Generator[None]:
             yield
     finally:
         _WITHIN.reset(within)
+
+
+def threads_to_use() -> int:
+    """How many threads a piece of numerical work may use: one within `one_thread`.
+
+    Elsewhere OMP_NUM_THREADS, or one for each core.
+    """
+    if _WITHIN.get():
+        return 1
+    return int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)
 
 
 @functools.cache

@@ -20,9 +20,7 @@ processor has vectors of 512 bits. Each distance, division and polynomial is com
 
 import math
 
-import numba
 import numpy as np
-from numba.core import config
 
 from proxops.systems.common import kernel
 
@@ -305,7 +303,7 @@ def _point_masses(px, py, pz, masses, out):
 
 @_exact
 def _evaluate_point(point, tables, masses, numbers, out):
-    """Fills ``out`` (14,): see `evaluate_serial`."""
+    """Fills ``out`` (14,): see `evaluate_points`."""
     factor, scale, switch, cx, cy, cz = numbers
     px, py, pz = point[0] - cx, point[1] - cy, point[2] - cz
     if px * px + py * py + pz * pz >= switch * switch:
@@ -338,15 +336,8 @@ def _evaluate_point(point, tables, masses, numbers, out):
     out[13] = -2.0 * total
 
 
-# A process that has used GNU OpenMP, numba's first choice, ends if it is forked, as by the workers
-# of Gymnasium. A choice of the user's own (NUMBA_THREADING_LAYER) stays.
-if config.THREADING_LAYER == "default":  # pyright: ignore[reportAttributeAccessIssue]
-    config.THREADING_LAYER = "forksafe"  # pyright: ignore[reportAttributeAccessIssue]
-
-
-# Two functions, not one compiled twice: numba's cache on disk does not tell the two apart.
 @kernel(error_model="numpy", nogil=True)
-def evaluate_serial(points, tables, masses, numbers, out):
+def evaluate_points(points, tables, masses, numbers, out):
     """Rows of ``out`` (N, 14) from points (N, 3) in the mesh's frame.
 
     Columns: potential, acceleration (3), gradient (9, row by row), solid angle.
@@ -358,11 +349,4 @@ def evaluate_serial(points, tables, masses, numbers, out):
         the field's own origin (3).
     """
     for i in range(points.shape[0]):
-        _evaluate_point(points[i], tables, masses, numbers, out[i])
-
-
-@kernel(error_model="numpy", nogil=True, parallel=True)
-def evaluate_parallel(points, tables, masses, numbers, out):
-    """Does the same as `evaluate_serial`, with the points divided among threads."""
-    for i in numba.prange(points.shape[0]):
         _evaluate_point(points[i], tables, masses, numbers, out[i])

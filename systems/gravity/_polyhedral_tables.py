@@ -21,7 +21,7 @@ _GAP = 8
 
 
 class Tables(NamedTuple):
-    """What `_polyhedral_kernel.evaluate_serial` knows of the mesh."""
+    """What `_polyhedral_kernel.evaluate_points` knows of the mesh."""
 
     corners: np.ndarray
     """(K, 6, BLOCK) uint32: indices of vertices, three of each facet."""

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import functools
 import logging
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from proxops.systems.common import InputError, Values, Vector3, Vectors3
+from proxops.systems.common import InputError, Values, Vector3, Vectors3, threads_to_use
 from proxops.systems.gravity import _polyhedral_kernel as kernel
 from proxops.systems.gravity._far_field import fit_masses
 from proxops.systems.gravity._polyhedral_tables import Tables, make_tables
@@ -28,8 +28,6 @@ PLAUSIBLE_DENSITY = (100.0, 23_000.0)
 
 # Below this many points one thread is faster than many.
 _PARALLEL_FROM = 256
-# numba's own threads, which a fork survives, do one piece of work at a time.
-_PARALLEL = threading.Lock()
 _log = logging.getLogger(__name__)
 
 
@@ -152,13 +150,13 @@ class GravityField:
         return masses @ np.array([part.centre_of_mass for part in self._parts]) / masses.sum()
 
     def evaluate(self, points: Vectors3) -> Gravity:
-        """The field at points (N, 3) in m; large batches are computed by all of numba's threads."""
+        """The field at points (N, 3) in m; large batches are computed by several threads."""
         columns = self.columns(as_points(points))
         gradient = columns[:, 4:13].reshape(-1, 3, 3)
         return Gravity(columns[:, 0], columns[:, 1:4], gradient, columns[:, 13] > 2.0 * np.pi)
 
     def columns(self, points: Vectors3) -> np.ndarray:
-        """The kernel's columns (N, 14) at points (N, 3) in m: see `evaluate_serial`."""
+        """The kernel's columns (N, 14) at points (N, 3) in m: see `evaluate_points`."""
         columns = self._parts[0].columns(points)
         for part in self._parts[1:]:
             columns += part.columns(points)
@@ -171,7 +169,7 @@ def as_points(points: Vectors3) -> Vectors3:
     Raises:
       InputError: they are not an (N, 3) array.
     """
-    points = np.asarray(points, dtype=np.float64)
+    points = np.ascontiguousarray(points, dtype=np.float64)  # The kernels are compiled for these.
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"points must have shape (N, 3), got {points.shape}")
     return points
@@ -208,11 +206,16 @@ class _UniformPart:
     def columns(self, points: Vectors3) -> np.ndarray:
         """The kernel's columns (N, 14) at points (N, 3) in m in the mesh's frame."""
         columns = np.empty((len(points), 14))
-        if len(points) < _PARALLEL_FROM:
-            kernel.evaluate_serial(points, *self._arguments, columns)
-        else:
-            with _PARALLEL:
-                kernel.evaluate_parallel(points, *self._arguments, columns)
+        threads = threads_to_use() if len(points) >= _PARALLEL_FROM else 1
+        if threads == 1:
+            kernel.evaluate_points(points, *self._arguments, columns)
+            return columns
+        # More parts than threads, since points near the body take longer.
+        parts = (np.array_split(each, 4 * threads) for each in (points, columns))
+        with ThreadPoolExecutor(threads) as pool:
+            list(
+                pool.map(lambda at, out: kernel.evaluate_points(at, *self._arguments, out), *parts)
+            )
         return columns
 
 
@@ -245,11 +248,11 @@ def _announce_compilation() -> None:
 
     Gravity is the first of the kernels that a flight needs, and takes a sixth of their time.
     """
-    stats = kernel.evaluate_serial.stats
+    stats = kernel.evaluate_points.stats
     if stats.cache_path is None:
         _log.warning(
             "compiling, as each process must: no folder to keep it can be written; set "
             "XDG_CACHE_HOME to one that can"
         )
-    elif not stats.cache_hits and not list(Path(stats.cache_path).glob("*evaluate_serial*.nbi")):
+    elif not stats.cache_hits and not list(Path(stats.cache_path).glob("*evaluate_points*.nbi")):
         _log.warning("compiling for this machine, once: a first flight takes a minute longer")

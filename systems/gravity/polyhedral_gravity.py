@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 
 import numpy as np
@@ -116,3 +117,7 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
 
 
 PolyhedralGravity = PolyhedralGravity_[None]
+# Drake's constructor takes *args and **kwargs; editors and help() show this.
+PolyhedralGravity.__signature__ = inspect.Signature(
+    [inspect.Parameter("field", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Field)]
+)

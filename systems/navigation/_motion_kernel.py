@@ -83,7 +83,6 @@ class _Middle(NamedTuple):
 
 
 _compiled = kernel(error_model="numpy")
-_inlined = kernel(error_model="numpy", forceinline=True)
 
 
 @_compiled
@@ -107,7 +106,7 @@ def _along(a, v):
     return out
 
 
-@_inlined
+@_compiled
 def _one_plus(matrix):
     """The identity plus a matrix (3, 3)."""
     out = np.empty((3, 3))
@@ -117,7 +116,7 @@ def _one_plus(matrix):
     return out
 
 
-@_inlined
+@_compiled
 def _rotation(v):
     """The rotation about the direction of v by its length in rad (Rodrigues)."""
     angle = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
@@ -154,7 +153,7 @@ def turned(rotation, vector):
     return out
 
 
-@_inlined
+@_compiled
 def _derivative(middle):
     """How the acceleration depends on the attitude and on the constants (3, BASE): eq. 6."""
     rotation, axes, thrust, given, commanded, gravity, turn, tide, v, offset = middle
@@ -180,7 +179,7 @@ def _derivative(middle):
     return by
 
 
-@_inlined
+@_compiled
 def _by_size(gravity, offset, factor, size):
     """How the acceleration depends on the size of a body of the same mass (3,): eq. 6."""
     out = _along(gravity.gradient, offset)
@@ -189,7 +188,7 @@ def _by_size(gravity, offset, factor, size):
     return out
 
 
-@_inlined
+@_compiled
 def _moved_covariance(covariance, f, noise):
     """The covariance after a step with its transition and noise: eq. 8.
 
@@ -225,7 +224,7 @@ def _moved_covariance(covariance, f, noise):
     return out
 
 
-@_inlined
+@_compiled
 def _transition(tide, turn, step):
     """exp(A t) and its integral (6, 6) for d' = A d + rate, by Taylor's series: eq. 4.
 

@@ -1,15 +1,19 @@
 """Compiled kernels: which returns of a frame are used, and the Kalman update by them.
 
-Rows are copied by loops: slices on the left take numba seconds to compile.
+Rows are copied by loops: slices on the left take numba seconds to compile, and a solver eight. So
+`update` itself is not compiled.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import get_blas_funcs, get_lapack_funcs
 
 from proxops.systems.common import kernel
 
 _compiled = kernel(error_model="numpy")
+(_solved,) = get_lapack_funcs(("gesv",), dtype=np.float64)
+(_product,) = get_blas_funcs(("gemm",), dtype=np.float64)
 
 
 class Gate(NamedTuple):
@@ -129,7 +133,6 @@ def gated(covariance, columns, frame, moved, gate):
     )
 
 
-@_compiled
 def update(covariance, columns, rows, innovations, variances):
     """The update in information form: with A = H^T R^-1 H, P loses P (I + A P)^-1 A P: eq. 18.
 
@@ -138,6 +141,30 @@ def update(covariance, columns, rows, innovations, variances):
     Args:
       covariance: P (n, n). columns: (C,) where the measured quantities are in it.
       rows: H (K, C). innovations: (K,). variances: (K,) diagonal of R.
+    """
+    live, places, to_all, information, vector, squares = _equations(
+        covariance, columns, rows, innovations, variances
+    )
+    if not places.size:
+        return Update(np.zeros(len(covariance)), covariance.copy(), squares)
+    # BLAS takes columns: of arrays by rows it makes the transposed product.
+    left = _product(1.0, to_all[:, places].T, information.T).T
+    known = _product(1.0, to_all.T, information.T).T
+    left.flat[:: len(left) + 1] += 1.0  # On the diagonal.
+    *_, solution, failed = _solved(left, np.column_stack([vector, known]))
+    if failed:
+        raise np.linalg.LinAlgError("the information of the residuals has no inverse")
+    both = _product(1.0, solution, to_all.T, trans_a=1, trans_b=1).T
+    return _subtracted(covariance, live, both, squares, vector, places)
+
+
+@_compiled
+def _equations(covariance, columns, rows, innovations, variances):
+    """What `update` solves, without what is exact.
+
+    Returns:
+      Indices (L,) of what is not exact; places (M,) of what is measured among them; P (M, L), A
+      (M, M), H^T R^-1 times the innovations (M,), and their square over R.
     """
     n, count = covariance.shape[0], 0
     live, place = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
@@ -160,31 +187,28 @@ def update(covariance, columns, rows, innovations, variances):
             vector[i] += scaled * innovations[k]
             for j in range(i + 1):
                 information[i, j] += scaled * rows[k, measured[j]]
-    to_all, among = np.empty((size, count)), np.empty((size, size))
+    to_all, places = np.empty((size, count)), np.empty(size, dtype=np.int64)
     for i in range(size):
+        places[i] = place[columns[measured[i]]]
         for j in range(i):
             information[j, i] = information[i, j]
         for j in range(count):
             to_all[i, j] = covariance[columns[measured[i]], live[j]]
-        for j in range(size):
-            among[i, j] = to_all[i, place[columns[measured[j]]]]
-    left, known = information @ among, information @ to_all
-    right = np.empty((size, count + 1))
-    for i in range(size):
-        left[i, i] += 1.0
-        right[i, 0] = vector[i]
-        for j in range(count):
-            right[i, 1 + j] = known[i, j]
-    both = to_all.T @ np.linalg.solve(left, right)
-    moved, after = np.zeros(n), covariance.copy()
-    for i in range(count):
+    return live[:count], places, to_all, information, vector, squares
+
+
+@_compiled
+def _subtracted(covariance, live, both, squares, vector, places):
+    """The `Update` by the step and the loss (L, 1 + L) that `update` has solved for."""
+    moved, after = np.zeros(covariance.shape[0]), covariance.copy()
+    for i in range(live.size):
         moved[live[i]] = both[i, 0]
         for j in range(i + 1):
             lost = 0.5 * (both[i, 1 + j] + both[j, 1 + i])
             now = covariance[live[i], live[j]] - lost
             after[live[i], live[j]] = after[live[j], live[i]] = now
-    for i in range(size):
-        squares -= vector[i] * moved[columns[measured[i]]]
+    for i in range(places.size):
+        squares -= vector[i] * both[places[i], 0]
     return Update(moved, after, squares)
 
 

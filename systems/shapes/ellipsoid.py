@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import Vector3, Vectors3, kernel
+from proxops.systems.common import Values, Vector3, Vectors3, kernel
 
 
 @kernel(error_model="numpy")
@@ -70,9 +70,13 @@ def ellipsoidal_norms(semi_axes: np.ndarray, points: Vectors3) -> np.ndarray:
     return np.linalg.norm(points / semi_axes, axis=1)
 
 
-@kernel(error_model="numpy")
-def clearances(semi_axes, points):
+def clearances(semi_axes: Vector3, points: Vectors3) -> Values:
     """Signed Euclidean distances (N,) of points (N, 3) to the surface, negative inside."""
+    return _clearances(semi_axes, np.ascontiguousarray(points))  # Others are compiled once more.
+
+
+@kernel(error_model="numpy")
+def _clearances(semi_axes, points):
     out = np.empty(len(points))
     for k in range(len(points)):
         nearest = closest_point(semi_axes, points[k])
@@ -129,7 +133,7 @@ def tangent_half_spaces(semi_axes: Vector3, points: Vectors3) -> tuple[np.ndarra
     Returns:
       Unit normals (N, 3) and offsets (N,).
     """
-    return _tangents(semi_axes, points)
+    return _tangents(semi_axes, np.ascontiguousarray(points))
 
 
 @kernel(error_model="numpy")

@@ -102,6 +102,14 @@ def test_a_model_of_any_scale(shape, tmp_path: Path) -> None:
     assert body.shape.volume == pytest.approx(1e9, rel=1e-4)
 
 
+@pytest.mark.parametrize(("unit", "told"), [("m", True), ("km", False)])
+def test_a_body_of_a_metre_may_be_one_of_a_kilometre(shape, tmp_path: Path, unit, told) -> None:
+    write(tmp_path / "ball.obj", trimesh.creation.icosphere(2))
+    code, out, _ = shape("ball.obj", "--unit", unit)
+    assert code == 0
+    assert ("the body is 2 m long: if its mesh is in km" in " ".join(out.split())) == told
+
+
 def test_a_model_without_a_scale(shape, tmp_path: Path) -> None:
     """The defect of its density says how to give it one."""
     write(tmp_path / "ball.obj", trimesh.creation.icosphere(2))

@@ -10,8 +10,11 @@ import time
 from pathlib import Path
 
 import pytest
+from commands import proxops
 
+from proxops.cli import common
 from proxops.cli.main import COMMANDS, command
+from proxops.diagrams.scenario import Scenario, parse_scenario
 
 # As the script that pip installs: that makes `proxops` the name that completion goes by.
 SCRIPT = "import sys; sys.argv[0] = 'proxops'; from proxops.cli.entry import main; main()"
@@ -119,3 +122,68 @@ def test_interrupted(tmp_path: Path, arguments: list[str], says: str) -> None:
     assert err == says
     files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert [path.name for path in files if path.name != ".lock"] == []
+
+
+def test_help_shows_brackets(capfd: pytest.CaptureFixture[str]) -> None:
+    """They are no markup."""
+    assert proxops("replay", "--help") == 0
+    assert "'proxops[exchange]'" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_fits_80_columns(
+    name: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of them are for what is said, not for names."""
+    monkeypatch.setenv("COLUMNS", "80")
+    proxops(name, "--help")
+    lines = capfd.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    rows = [re.split(r" {2,}", line.strip("│ ")) for line in lines if line.startswith("│ --")]
+    assert all(len(row) > 1 for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("incomplete", "offered"),
+    [
+        ("mpc.interv", ["mpc.intervals=", "mpc.interval_growth="]),
+        ("gravity=", ["gravity=exact", "gravity=table"]),
+        ("navigation=T", ["navigation=TrueState"]),
+        ("log_ranges=", ["log_ranges=true", "log_ranges=false"]),
+        ("dispersions=af", ["dispersions=after_survey"]),
+        ("body=", ["body=kleopatra"]),
+        ("lidar.plan", ["lidar.planes="]),
+        ("nothing", []),
+    ],
+)
+def test_changes_complete(incomplete: str, offered: list[str]) -> None:
+    assert common.complete_change(incomplete) == offered
+
+
+def test_controllers_complete() -> None:
+    assert common.complete_controllers("h") == ["hybrid", "hybrid:end-to-end"]
+    assert common.complete_controllers("mpc,z") == ["mpc,zero"]
+    assert common.complete_dispersions("af") == ["after_survey"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        (["fly", "kleopatra"], "--set body=kleopatra"),
+        (["fly", "after_survey"], "--set dispersions=after_survey"),
+        (["evaluate", "mpc"], "--controllers"),
+        (["evaluate", "mpc,zero"], "--controller mpc,zero"),
+    ],
+)
+def test_a_name_in_place_of_a_file(
+    typed: list[str], meant: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert proxops(*typed) == 2
+    told = capfd.readouterr().err
+    assert "did you mean" in told
+    assert meant in told
+
+
+def test_scenario_prints_the_default(capfd: pytest.CaptureFixture[str]) -> None:
+    assert proxops("scenario") == 0
+    assert parse_scenario(capfd.readouterr().out) == Scenario()

@@ -23,7 +23,7 @@ from worker_tasks import kills_its_process, process_of
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight import Workers, campaign
-from proxops.diagrams.flight.campaign import Flight, run_campaign, transit_flights
+from proxops.diagrams.flight.campaign import Flight, fly_many, run_campaign, transit_flights
 from proxops.diagrams.flight.origin import Provenance
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import change_scenario
@@ -176,6 +176,32 @@ def test_resumes(tmp_path: Path, flown: list[str]) -> None:
     run_campaign(flights(1), tmp_path, workers=Workers(1), keep_logs=True)
     assert flown == [flight.name for flight in [*flights(2), *flights(1)]]
     assert FlightLog.load(tmp_path / f"{flown[0]}.nc").scenario == flights(1)[0].scenario
+
+
+def test_some_logs_stay(tmp_path: Path, flown: list[str]) -> None:
+    def first_and_last(rows):
+        return {min(rows), max(rows)}
+
+    names = [flight.name for flight in flights(4)]
+    for count in (3, 4, 4):
+        run_campaign(flights(count), tmp_path, workers=Workers(1), keep_logs=first_and_last)
+    assert flown == names  # None is flown again because its log is gone.
+    kept = {path.stem for path in tmp_path.glob("*.nc")}
+    assert kept == {names[0], names[2], names[3]}  # Those of a run before are not touched.
+
+
+def test_a_sweep(tmp_path: Path, flown: list[str]) -> None:
+    short = flights(1)[0].scenario
+    heavy = {
+        f"{mass} kg": change_scenario(short, {"spacecraft.mass_kg": mass}) for mass in (90, 99)
+    }
+    for folder in (None, tmp_path, tmp_path):
+        rows = fly_many(heavy, "mpc", folder, workers=Workers(1))
+        assert [*rows] == ["90 kg", "99 kg"]
+        assert rows["90 kg"]["delta_v_m_s"] != rows["99 kg"]["delta_v_m_s"]
+    assert flown == 2 * ["90 kg", "99 kg"]  # Those in the folder are not flown again.
+    with pytest.raises(InputError, match="is no name of a file"):
+        fly_many({"a/b": short})
 
 
 def test_unfinished_files_are_ignored(tmp_path: Path, flown: list[str]) -> None:

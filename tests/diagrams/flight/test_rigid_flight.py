@@ -116,8 +116,8 @@ def test_a_thruster_that_fails_is_found_and_flown_without():
 
 # What may know how the spacecraft truly moves and turns: the world, its sensors, and the log.
 WORLD = {
-    "gravity", "accelerations", "lidar", "monitor", "inertial_attitude", "star_tracker", "gyro", "wheel_friction",
-    "thruster_cluster", "spacecraft",
+    "gravity", "accelerations", "lidar", "monitor", "inertial_attitude", "star_tracker", "gyro",
+    "wheel_friction", "thruster_cluster", "spacecraft",
 }  # fmt: skip
 
 

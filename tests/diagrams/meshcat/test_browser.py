@@ -4,8 +4,10 @@ import itertools
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -14,6 +16,7 @@ from synthetic_log import synthetic_log
 
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.meshcat import PLAYBACK_SPEED, write_movie, write_replay
+from proxops.systems.common import InputError
 
 pytestmark = pytest.mark.browser
 
@@ -216,3 +219,19 @@ def test_a_film_shows_the_flight(tmp_path: Path, ending: str) -> None:
     assert flown[-1] > 2 * flown[0]
     numbers = [frame[275:] for frame in frames]
     assert all(np.abs(one - other).max() > 0.3 for one, other in itertools.pairwise(numbers))
+
+
+def test_a_film_for_players(tmp_path: Path) -> None:
+    """It is read back by the program that wrote it; its height is made even."""
+    path = tmp_path / "flight.mp4"
+    write_movie(synthetic_log(), path, seconds=1.0, frames_per_second=4.0, width=488)
+    read = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    shown = subprocess.run(read, capture_output=True, check=True).stdout
+    frames = np.frombuffer(shown, dtype=np.uint8).reshape(4, 306, 488, 3)
+    assert np.abs(frames[0].astype(float) - frames[-1]).max() > 100.0
+
+
+def test_films_that_cannot_be_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(InputError, match=r"pip install 'proxops\[movie\]'"):
+        write_movie(synthetic_log(), tmp_path / "flight.mp4")

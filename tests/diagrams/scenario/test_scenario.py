@@ -21,8 +21,8 @@ from proxops.diagrams.scenario.scenario_config import (
 )
 from proxops.systems.common.errors import InputError
 from proxops.systems.vehicle import (
-    RandomWalkDisturbanceConfig,
     PointMassConfig,
+    RandomWalkDisturbanceConfig,
 )
 
 

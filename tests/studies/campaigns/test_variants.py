@@ -7,13 +7,16 @@ import pytest
 from short_flights import BRIEF, short_scenario
 from synthetic_log import synthetic_log
 
+from proxops.diagrams.flight.campaign import transit_flights
 from proxops.diagrams.flight.parallel import Workers
+from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.studies.campaigns.describing import describe_flight
 from proxops.studies.campaigns.variants import (
     Variant,
+    evaluate,
     fly_logs,
     fly_variants,
     load_logs,
@@ -60,6 +63,19 @@ def test_rows_and_logs_are_those_of_their_variant(tmp_path: Path) -> None:
     assert again["pushed"][1].dataset.identical(logs["pushed"][1].dataset)
     ends = {row["terminal_position_error_m"] for each in rows.values() for row in each}
     assert logs["idle"][0].summary["terminal_position_error_m"] in ends
+
+
+def test_controllers_evaluated(tmp_path: Path) -> None:
+    """The results are those of the same flights, flown one after the other."""
+    shared = short_scenario(**BRIEF)
+    found = evaluate(
+        ["mpc", "zero"], shared, transits=2, seed=5, folder=tmp_path, workers=Workers(1)
+    )
+    assert [*found] == ["mpc", "zero"]
+    for name, result in found.items():
+        ends = [row["terminal_position_error_m"] for row in result.flights]
+        alone = [fly(each.scenario, name).summary for each in transit_flights(shared, name, 5, 2)]
+        assert ends == [summary["terminal_position_error_m"] for summary in alone]
 
 
 def test_share_of_small_commands_is_of_what_was_commanded() -> None:

@@ -14,7 +14,12 @@ from known_policies import Counting, DeadReckoning, write_policy
 
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.studies.figures.results import Result, aggregate, figure_rows, results_from_json
-from proxops.studies.report.shown_flights import outcome, shown_transits, worst_flights
+from proxops.studies.report.shown_flights import (
+    may_be_shown,
+    outcome,
+    shown_transits,
+    worst_flights,
+)
 from proxops.systems.vehicle import ArrivalConfig
 
 POLICY = {"policy_sha256": "1" * 64, "mpc_solves": 0, "policy_share": 1.0}
@@ -38,6 +43,17 @@ def results() -> dict[str, Result]:
         "policy:a": aggregate(flown, expert),
         "zero": aggregate(idle, expert),
     }
+
+
+def test_what_is_shown_was_kept_as_it_was_flown() -> None:
+    """Of 20 flights of each controller, which end one after the other, as in a campaign."""
+    for name, transits in shown_transits(results()).items():
+        kept: dict[str, dict] = {}
+        for flown in results()[name].flights:
+            kept[str(flown["transit"])] = {**flown, "controller": name}
+            kept = {each: kept[each] for each in may_be_shown(kept)}
+        assert len(kept) <= 9
+        assert {str(k) for k in transits} <= kept.keys()
 
 
 # --- the table ------------------------------------------------------------------------------------
@@ -144,19 +160,18 @@ def test_evaluate_policies_side_by_side(evaluate, tmp_path: Path) -> None:
     ):
         assert all(cell in text for cell in cells[1])
 
-    # The flights that are looked into are those that were flown, without their lidar frames.
-    shown = sorted((out / "shown").glob("*.nc"))
+    # The flights that are looked into are those that were flown.
+    shown = sorted((out / "flights").glob("*.nc"))
     assert len(shown) == 4
     logs = [FlightLog.load(path) for path in shown]
     ends = {log.summary["controller"]: log.summary["terminal_position_error_m"] for log in logs}
     assert ends == {
         name: result["flights"][0]["terminal_position_error_m"] for name, result in found.items()
     }
-    assert all("ranges" not in log.dataset for log in logs)
 
     times = {path: path.stat().st_mtime_ns for path in shown}
     evaluate(*command, "--transits", 2, "--keep-logs")
-    assert {path: path.stat().st_mtime_ns for path in (out / "shown").glob("*.nc")} == times
+    assert {path: path.stat().st_mtime_ns for path in shown} == times
     kept = sorted((out / "flights").glob("*.nc"))
     assert len(kept) == 8
     assert "ranges" in FlightLog.load(kept[0]).dataset

@@ -14,7 +14,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from proxops.systems.common import cache_folder, kernel, kernels
+from proxops.systems.common import cache_folder, compiling_told, kernel, kernels
 
 # A package with a face, a kernel behind it, and kernels of another file that call it.
 INNER = """
@@ -192,3 +192,26 @@ def test_a_link_to_a_folder_is_not_used(homeless: Path) -> None:
     (homeless / "elsewhere").mkdir(mode=0o700)
     (homeless / f"proxops-{os.getuid()}").symlink_to(homeless / "elsewhere")
     assert cache_folder("kernels") is None
+
+
+def test_what_is_compiled_is_told(monkeypatch) -> None:
+    monkeypatch.setattr(kernels, "_folder", lambda file: None)  # Nothing is kept.
+
+    @kernel
+    def doubled(x):
+        return 2.0 * x
+
+    @kernel
+    def doubled_thrice(x):
+        return 3.0 * doubled(x) + min(x, 1.0)
+
+    told = []
+    with compiling_told(lambda done, text: told.append((done, text))):
+        assert doubled_thrice(1.5) == 10.0
+        assert doubled_thrice(2.5) == 16.0  # It is compiled already.
+    doubled(1)  # After the block, nothing is told.
+    assert [text.split(":")[0] for _, text in told] == [
+        "compiling doubled_thrice",
+        "compiling doubled",
+    ]
+    assert 0.0 < told[0][0] < told[1][0] <= 1.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from proxops.systems.common import one_thread
+from proxops.systems.common import one_thread, threads_to_use
 
 
 def threads() -> set[int]:
@@ -21,3 +21,12 @@ def test_one_thread_within_and_as_before_afterwards(before: int) -> None:
         with pytest.raises(ZeroDivisionError), one_thread():
             _ = 1 / 0
         assert threads() == {before}
+
+
+def test_threads_to_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    assert threads_to_use() == 3
+    with one_thread():
+        assert threads_to_use() == 1
+    monkeypatch.delenv("OMP_NUM_THREADS")
+    assert threads_to_use() >= 1

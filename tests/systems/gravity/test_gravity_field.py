@@ -551,7 +551,7 @@ def test_several_units_are_summed_at_a_time() -> None:
 
 
 def test_many_points_from_many_threads() -> None:
-    """numba's workqueue ends a process that calls it from two threads at once."""
+    """Each call has threads of its own."""
     shape = Polyhedron(*box(np.full(3, -1.0), np.full(3, 2.0)))
     field = GravityField(shape, density=DENSITY)
     points = np.random.default_rng(7).normal(size=(2000, 3)) * 3.0
@@ -562,7 +562,7 @@ def test_many_points_from_many_threads() -> None:
 
 
 def test_many_points_after_a_fork() -> None:
-    """GNU OpenMP ends a forked process. A process of its own, because fork is for few threads."""
+    """Threads do not survive a fork. A process of its own, because fork is for few threads."""
     code = """
 import os, numpy as np
 from proxops.diagrams.scenario import load_body
@@ -582,9 +582,9 @@ raise SystemExit(os.waitpid(child, 0)[1])
 )
 def test_it_says_that_it_compiles(tmp_path, monkeypatch, caplog, kept, says) -> None:
     (tmp_path / "here").mkdir()
-    (tmp_path / "here" / "kernel.evaluate_serial-340.py311.nbi").write_text("")
+    (tmp_path / "here" / "kernel.evaluate_points-340.py311.nbi").write_text("")
     stats = SimpleNamespace(cache_hits={}, cache_path=kept and str(tmp_path / kept))
-    monkeypatch.setattr(kernel, "evaluate_serial", SimpleNamespace(stats=stats))
+    monkeypatch.setattr(kernel, "evaluate_points", SimpleNamespace(stats=stats))
     gravity_field._announce_compilation.__wrapped__()
     assert says in caplog.text if says else caplog.text == ""
 

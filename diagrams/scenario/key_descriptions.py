@@ -1,0 +1,103 @@
+"""What each key of a scenario is: for the documentation, for completion, and as a scenario's text.
+
+Defaults, units and limits are those of the dataclasses, meanings the comments above their fields.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import functools
+import inspect
+import re
+import textwrap
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+
+from proxops.diagrams.scenario.plain_yaml import write_yaml
+from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.typed_yaml import in_words
+from proxops.systems.common import choices_of, limits_in_words, unit_of
+
+_FIELD = re.compile(r"((?:^    #.*\n)*)^    (\w+): ", re.MULTILINE)
+_WIDTH = 100
+
+
+class DescribedKey(typing.NamedTuple):
+    """A key of a scenario, or of one of its sections."""
+
+    name: str
+    default: str
+    """As YAML; of a section: `null`, or its tag if it takes several."""
+    unit: str
+    limits: str
+    """In words; of a value without limits, its type."""
+    meaning: str
+    choices: Sequence[str]
+    """All values that it takes, if they are few; of a section, its tags."""
+    sections: Mapping[str, Sequence[DescribedKey]]
+    """The keys of each section that may stand here, by their tags; of a value there are none."""
+
+
+@functools.cache
+def described_keys(schema: type = Scenario) -> tuple[DescribedKey, ...]:
+    """Describes the keys of a scenario, or of the dataclass of a section."""
+    meanings = {
+        name: " ".join(line.strip("# ") for line in comment.splitlines())
+        for comment, name in _FIELD.findall(inspect.getsource(schema))
+    }
+    return tuple(_described(field, meanings[field.name]) for field in dc.fields(schema))
+
+
+def _described(field: dc.Field, meaning: str) -> DescribedKey:
+    options = typing.get_args(field.type) or (field.type,)
+    sections = {
+        each.__name__.removesuffix("Config"): described_keys(each)
+        for each in options
+        if isinstance(each, type) and dc.is_dataclass(each)
+    }
+    made = field.default if field.default_factory is dc.MISSING else field.default_factory()
+    if dc.is_dataclass(made):
+        default = f"!{type(made).__name__.removesuffix('Config')}" if len(sections) > 1 else ""
+    else:
+        default = write_yaml(made if isinstance(made, list) else [made]).strip()
+        default = default if isinstance(made, list) else default[1:-1]
+    choices = choices_of(field) or (("true", "false") if field.type is bool else ())
+    limits = limits_in_words(field) or " or ".join(choices)
+    if not limits and not sections:
+        limits = " or ".join(map(in_words, options if type(None) in options else (field.type,)))
+    return DescribedKey(
+        field.name, default, unit_of(field), limits, meaning, (*sections, *choices), sections
+    )
+
+
+def dotted(
+    keys: Sequence[DescribedKey] | None = None, prefix: str = ""
+) -> Iterator[tuple[str, DescribedKey]]:
+    """Yields the dotted name and the description of each key, those of all sections included."""
+    for key in described_keys() if keys is None else keys:
+        yield prefix + key.name, key
+        for inner in key.sections.values():
+            yield from dotted(inner, f"{prefix}{key.name}.")
+
+
+def commented_scenario() -> str:
+    """Gives the default scenario as YAML, with what each key means in comments.
+
+    Sections that the default does not have are there as comments.
+    """
+    return "\n".join(_lines(described_keys(), "")) + "\n"
+
+
+def _lines(keys: Sequence[DescribedKey], indent: str) -> Iterator[str]:
+    for key in keys:
+        lines = textwrap.wrap(key.meaning, _WIDTH - len(indent), break_on_hyphens=False)
+        yield from (f"{indent}# {line}" for line in lines)
+        note = ", ".join(filter(None, (key.unit, key.limits)))
+        yield f"{indent}{key.name}: {key.default}".rstrip() + (f"  # {note}" if note else "")
+        for tag, inner in key.sections.items():
+            if key.default in ("", f"!{tag}"):
+                yield from _lines(inner, f"{indent}  ")
+            else:
+                tagged = f" !{tag}" if len(key.sections) > 1 else ""
+                yield f"{indent}# {key.name}:{tagged}{'' if inner else ' {}'}"
+                yield from (f"{indent}# {line}" for line in _lines(inner, "  "))
