@@ -17,6 +17,8 @@ from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dispersions import Dispersions
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
+from proxops.systems.attitude import settled_deviation
 from proxops.systems.common import InputError, limits_of
 from proxops.systems.gravity import GravityField
 from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig, shift_of_centre
@@ -84,6 +86,11 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
     impulse = dispersions.rms("truth.specific_impulse_s") or scenario.true_specific_impulse_s
     if impulse is not None:
         errors.propellant_s_per_m = 1.0 / (STANDARD_GRAVITY * impulse)
+    craft = scenario.spacecraft
+    if isinstance(craft, RigidBodyConfig):
+        noise = load_spacecraft(craft.model).noise
+        deviation = settled_deviation(noise, craft.attitude_period_s)
+        errors.attitude_noise_deg = math.degrees(deviation)
     contrast = dispersions.rms("truth.density_contrast")
     if contrast is not None:
         errors.centre_of_mass_m = _shift(body.shape, body.gravity_field.mass, contrast)

@@ -19,7 +19,11 @@ from proxops.systems.attitude.attitude_control import (
     control_torque,
     pointing_error,
 )
-from proxops.systems.attitude.attitude_filter import AttitudeFilter, AttitudeNoise
+from proxops.systems.attitude.attitude_filter import (
+    AttitudeFilter,
+    AttitudeNoise,
+    settled_deviation,
+)
 from proxops.systems.attitude.attitude_guidance import (
     AttitudeGuidance,
     AttitudeGuidanceConfig,
@@ -65,6 +69,7 @@ __all__ = [
     "attitude_error",
     "control_torque",
     "pointing_error",
+    "settled_deviation",
     "shortest_turn",
     "true_layout",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -22,6 +23,8 @@ from proxops.systems.common import (
 
 # Deviations below these would make the covariance singular: rad, and rad/s.
 _LEAST_NOISE, _LEAST_BIAS = 1e-7, 1e-9
+# Periods after which the covariance changes no more.
+_SETTLING = 500
 
 
 class AttitudeEstimate(NamedTuple):
@@ -103,6 +106,19 @@ def corrected_attitude(
     attitude = np.array(quaternion_product((a, b, c, d), quaternion_of((x, y, z))))
     after = covariance - gain @ covariance[:3]
     return AttitudeEstimate(attitude, prior.bias + change[3:], 0.5 * (after + after.T))
+
+
+@functools.lru_cache(maxsize=8)
+def settled_deviation(noise: AttitudeNoise, period: float) -> float:
+    """The standard deviation in rad of a settled filter's attitude about each axis.
+
+    Args: noise of the sensors, and the time in s from measurement to measurement.
+    """
+    now = first_attitude(np.array([1.0, 0.0, 0.0, 0.0]), noise)
+    for _ in range(_SETTLING):
+        now = propagated(now, np.zeros(3), period, noise)
+        now = corrected_attitude(now, now.attitude, noise)
+    return math.sqrt(float(np.trace(now.covariance[:3, :3])) / 3.0)
 
 
 def _turn_between(before: Values, after: Values) -> Vector3:

@@ -59,7 +59,7 @@ class Motion:
                 local,
                 force,
                 Interval(time + k * step, step),
-                self._noise(step, self._uneven(middle, local.acceleration)),
+                self._noise(step, steps, self._uneven(middle, local.acceleration)),
                 self._spin,
                 self._mass,
             )
@@ -87,14 +87,16 @@ class Motion:
         ratio = shift * self._half_length / float(position @ position)
         return float(gravity @ gravity) * ratio**2 / 3.0
 
-    def _noise(self, step: float, uneven: float) -> ProcessNoise:
-        """The process noise of a step of a length in s."""
+    def _noise(self, step: float, steps: int, uneven: float) -> ProcessNoise:
+        """The process noise of a step of a length in s, one of so many from frame to frame."""
         expected = self._expected
         decay = math.exp(-step / expected.acceleration_correlation_s)
         attitude = math.radians(expected.attitude_varying_deg)
+        # Two errors, that of a frame and that of the next, are in the difference.
+        noise = 2.0 * math.radians(expected.attitude_noise_deg) ** 2 / steps
         varying = expected.acceleration_varying_m_s2**2 + uneven
         return ProcessNoise(
-            2.0 * attitude**2 * step / expected.attitude_correlation_s,
+            2.0 * attitude**2 * step / expected.attitude_correlation_s + noise,
             decay,
             varying * (1.0 - decay**2),
         )

@@ -150,7 +150,7 @@ def test_help_fits_80_columns(
         ("gravity=", ["gravity=exact", "gravity=table"]),
         ("navigation=T", ["navigation=TrueState"]),
         ("log_ranges=", ["log_ranges=true", "log_ranges=false"]),
-        ("dispersions=af", ["dispersions=after_survey"]),
+        ("dispersions=b", ["dispersions=before_survey"]),
         ("body=", ["body=kleopatra"]),
         ("lidar.plan", ["lidar.planes="]),
         ("nothing", []),
@@ -163,7 +163,7 @@ def test_changes_complete(incomplete: str, offered: list[str]) -> None:
 def test_controllers_complete() -> None:
     assert common.complete_controllers("h") == ["hybrid", "hybrid:end-to-end"]
     assert common.complete_controllers("mpc,z") == ["mpc,zero"]
-    assert common.complete_dispersions("af") == ["after_survey"]
+    assert common.complete_dispersions("b") == ["before_survey"]
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
     found = [*diagram.GetSystems(), *others]
     by_name = {kinds.get(type(system), type(system).__name__): system for system in found}
     burning = systems.Spacecraft(100.0, 0.0, burns_propellant=True)
-    return by_name | {"Spacecraft": burning, "Transit": diagram}
+    turning = systems.RigidSpacecraft(
+        100.0, np.eye(3), np.zeros(3), wheel_axes=np.eye(3), wheel_inertia=0.01
+    )
+    return by_name | {"Spacecraft": burning, "RigidSpacecraft": turning, "Transit": diagram}
 
 
 def documented(name: str) -> list[tuple[str, str, str]]:

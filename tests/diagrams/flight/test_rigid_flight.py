@@ -48,6 +48,7 @@ def test_it_arrives_and_points_though_nothing_is_as_on_the_data_sheet(dispersed)
     mounting = np.linalg.norm(dispersed.scenario.truth.attitude.constant_deg)
     assert np.percentile(pointing_errors(dispersed)[5:], 99) < mounting + 0.1
     wheels = load_spacecraft("smallsat").wheels
+    assert wheels is not None
     assert np.abs(dispersed.dataset["wheel_momentum"].values).max() < 0.5 * wheels.momentum
     assert not dispersed.dataset["failed_thrusters"].values.any()
 
@@ -87,7 +88,7 @@ def test_a_flight_goes_on_from_a_clone_of_its_context():
 def test_without_thrust_it_falls_as_a_point_does():
     """Another integrator and another plant, in the same gravity."""
     brief = {"arrival__deadline_s": 500.0, "arrival__dwell_s": 10.0}
-    turning = fly(rigid(navigated=False, **brief), "zero")
+    turning = fly(rigid("smallsat", False, **brief), "zero")
     point = fly(
         load_scenario(
             None,

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import typing
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from proxops.systems.attitude import (
 )
 from proxops.systems.vehicle import FreshHold
 
-WHEELS = load_spacecraft("smallsat").wheels
+WHEELS = typing.cast(WheelArray, load_spacecraft("smallsat").wheels)
 VECTOR = st.lists(st.floats(-0.5, 0.5), min_size=3, max_size=3).map(np.array)
 
 
@@ -125,6 +126,8 @@ def slewed(settings_, positions, spin=3e-4):
     for k, position in enumerate(positions):
         context.SetTime(float(k))
         guidance.GetInputPort("position").FixValue(context, position)
+        # It begins as it is turned.
+        guidance.GetInputPort("body_attitude").FixValue(context, [1.0, 0.0, 0.0, 0.0])
         yield (
             guidance.GetOutputPort("reference").Eval(context),
             guidance.GetOutputPort("reference_rate").Eval(context),

@@ -1,15 +1,17 @@
 """The estimate of thrusters' torques and the search for one that has failed."""
 
+import typing
+
 import numpy as np
 import pytest
 
 from proxops.diagrams.scenario import load_spacecraft
 from proxops.systems import ThrusterErrors
-from proxops.systems.attitude import TorqueEstimator, TrueRigidBodyConfig, true_layout
+from proxops.systems.attitude import TorqueEstimator, TrueRigidBodyConfig, WheelArray, true_layout
 from proxops.systems.attitude.torque_estimator import CENTRE, TORQUE
 
 MODEL = load_spacecraft("smallsat_16")
-NOMINAL = MODEL.thrusters
+NOMINAL, WHEELS = MODEL.thrusters, typing.cast(WheelArray, MODEL.wheels)
 GYRO = 1e-5
 
 
@@ -29,7 +31,7 @@ def estimated(steps, seed, lost=None, at=0, truth=None):
     )
     wrenches = true_layout(NOMINAL, truth, ThrusterErrors(), seed).wrenches()
     disturbance = np.array([1e-4, -2e-4, 5e-5])
-    inertia, axes = MODEL.inertia, MODEL.wheels.axes
+    inertia, axes = MODEL.inertia, WHEELS.axes
     system = TorqueEstimator(NOMINAL, inertia, 1.0, GYRO, axes)
     context = system.CreateDefaultContext()
     rate, on, motors = np.array([1e-4, -2e-4, 3e-4]), np.zeros(16), np.zeros(4)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from proxops.systems.common import cache_folder, compiling_told, kernel, kernels
+from proxops.systems.common import cache_folder, compiling_told, kernel, kernels, silent
 
 # A package with a face, a kernel behind it, and kernels of another file that call it.
 INNER = """
@@ -63,7 +63,7 @@ if __name__ == "__main__":
 def package(tmp_path: Path) -> Path:
     systems = tmp_path / "code" / "proxops" / "systems"
     (systems / "common").mkdir(parents=True)
-    for module in (kernels.__file__, inspect.getfile(cache_folder)):
+    for module in map(inspect.getfile, (kernels, cache_folder, silent)):
         shutil.copy(module, systems / "common")
     (systems / "common" / "__init__.py").write_text(
         "from proxops.systems.common.kernels import kernel\n"
