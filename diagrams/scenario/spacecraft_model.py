@@ -26,6 +26,7 @@ from proxops.systems.common import (
     Vector3,
     check_limits,
     config,
+    html_table,
     number,
 )
 from proxops.systems.vehicle import check_inertia
@@ -69,6 +70,18 @@ class SpacecraftModel:
     """(3,) in m in the bus's frame: the origin of S."""
     thrusters: ThrusterLayout
     wheels: WheelArray | None
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "mass (kg)": f"{self.mass:.4g}",
+            "moments of inertia (kg m²)": " × ".join(
+                f"{moment:.4g}" for moment in np.linalg.eigvalsh(self.inertia)
+            ),
+            "thrusters": f"{self.thrusters.count}, of {self.thrusters.forces.max():g} N at most",
+            "thrust limit along each axis (N)": f"{self.config.thrust_limit_n:g}",
+            "reaction wheels": 0 if self.wheels is None else len(self.wheels.axes),
+        }
+        return html_table(self.path.parent.name, rows)
 
     @property
     def noise(self) -> AttitudeNoise:
