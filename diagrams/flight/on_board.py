@@ -53,7 +53,9 @@ def add_on_board(
         command = _add_controller(wiring, controller, signals)
         return _assured(wiring, command, signals, delay), signals
     # A command that acts late acts over a part of two periods.
-    acted = command_hold.GetOutputPort("mean") if delay > 0.0 else signals["commanded_force"]
+    # A rigid spacecraft knows what its thrusters gave.
+    mean = delay > 0.0 and "body_attitude" not in signals
+    acted = command_hold.GetOutputPort("mean") if mean else signals["commanded_force"]
     world = wiring.world
     navigation = make_navigation(world.belief, world.body, world.filter_tuning)
     body_attitude = signals.get("body_attitude")

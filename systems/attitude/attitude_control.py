@@ -13,7 +13,6 @@ from proxops.systems.common import (
     cross_matrix,
     quaternion_inverse,
     quaternion_product,
-    rotated,
 )
 
 
@@ -111,15 +110,3 @@ def pointing_error(attitude: Values, reference: Values) -> float:
     p, q, r, s = attitude.tolist()
     _, x, y, z = quaternion_product(quaternion_inverse((a, b, c, d)), (p, q, r, s))
     return 2.0 * float(np.arcsin(min(1.0, np.sqrt(x * x + y * y + z * z))))
-
-
-def boresight_error(attitude: Values, boresight: Vector3, wanted: Vector3) -> float:
-    """The angle in rad from a direction of S, as it points, to the one where it should point.
-
-    Args:
-      attitude: R_AS (4,) against any axes A. boresight: (3,) unit vector in S.
-      wanted: (3,) unit vector in A.
-    """
-    a, b, c, d = attitude.tolist()
-    x, y, z = boresight.tolist()
-    return float(np.arccos(np.clip(np.dot(rotated((a, b, c, d), (x, y, z)), wanted), -1.0, 1.0)))
