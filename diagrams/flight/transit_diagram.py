@@ -180,15 +180,15 @@ def diagram_of(
         "ranges": received(wiring, lidar),
         "commanded_force": command_hold.GetOutputPort("y"),
     }
-    if not isinstance(craft, RigidSpacecraft):
-        add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
-        command, known = add_on_board(wiring, controller, true, command_hold)
-        hold_command(wiring, command, hold, command_hold)
-    else:
+    sensed: Signals = {}
+    if isinstance(craft, RigidSpacecraft):
         sensed = add_attitude_sensors(wiring, craft)
         true |= {name: sensed[name] for name in ("body_attitude", "commanded_force")}
-        command, known = add_on_board(wiring, controller, true, command_hold)
-        hold_command(wiring, command, hold, command_hold)
+    else:
+        add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
+    command, known = add_on_board(wiring, controller, true, command_hold)
+    hold_command(wiring, command, hold, command_hold)
+    if isinstance(craft, RigidSpacecraft):
         acting = hold.GetOutputPort("y") if delay > 0.0 else wiring.logged["force"]
         add_actuation(wiring, craft, acting, {**sensed, "position": known["position"]})
     add_monitor(wiring, true["state"], target)

@@ -41,7 +41,7 @@ from proxops.systems.attitude.thruster_cluster import (
     true_layout,
 )
 from proxops.systems.attitude.thruster_layout import ThrusterLayout
-from proxops.systems.attitude.torque_estimator import TorqueErrors, TorqueEstimator
+from proxops.systems.attitude.torque_estimator import TorqueEstimator
 
 __all__ = [
     "AllocationProgram",
@@ -61,7 +61,6 @@ __all__ = [
     "ThrusterAllocation",
     "ThrusterCluster",
     "ThrusterLayout",
-    "TorqueErrors",
     "TorqueEstimator",
     "TrueRigidBodyConfig",
     "WheelArray",

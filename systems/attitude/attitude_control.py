@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
@@ -106,7 +108,5 @@ class AttitudeControl(LeafSystem):
 
 def pointing_error(attitude: Values, reference: Values) -> float:
     """The angle in rad between an attitude and its reference, unit quaternions (4,)."""
-    a, b, c, d = reference.tolist()
-    p, q, r, s = attitude.tolist()
-    _, x, y, z = quaternion_product(quaternion_inverse((a, b, c, d)), (p, q, r, s))
-    return 2.0 * float(np.arcsin(min(1.0, np.sqrt(x * x + y * y + z * z))))
+    half_sine = 0.5 * float(np.linalg.norm(attitude_error(attitude, reference)))
+    return 2.0 * math.asin(min(1.0, half_sine))

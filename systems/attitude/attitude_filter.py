@@ -10,13 +10,13 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
+from proxops.systems.attitude.attitude_control import attitude_error
 from proxops.systems.attitude.gyro import DRIFT_TIME, GyroConfig
 from proxops.systems.attitude.star_tracker import StarTrackerConfig
 from proxops.systems.common import (
     Values,
     Vector3,
     cross_matrix,
-    quaternion_inverse,
     quaternion_of,
     quaternion_product,
 )
@@ -96,7 +96,7 @@ def corrected_attitude(
     prior: AttitudeEstimate, measured: Values, noise: AttitudeNoise
 ) -> AttitudeEstimate:
     """The estimate after a measurement R_NS (4,) of the star tracker."""
-    error = _turn_between(prior.attitude, measured)
+    error = attitude_error(measured, prior.attitude)
     covariance = prior.covariance
     total = covariance[:3, :3] + noise.tracker**2 * np.eye(3)
     gain = np.linalg.solve(total, covariance[:3]).T
@@ -119,14 +119,6 @@ def settled_deviation(noise: AttitudeNoise, period: float) -> float:
         now = propagated(now, np.zeros(3), period, noise)
         now = corrected_attitude(now, now.attitude, noise)
     return math.sqrt(float(np.trace(now.covariance[:3, :3])) / 3.0)
-
-
-def _turn_between(before: Values, after: Values) -> Vector3:
-    """The rotation vector (3,) in S from one attitude to another, both near each other."""
-    a, b, c, d = before.tolist()
-    p, q, r, s = after.tolist()
-    w, x, y, z = quaternion_product(quaternion_inverse((a, b, c, d)), (p, q, r, s))
-    return np.array([x, y, z]) * math.copysign(2.0, w)
 
 
 class AttitudeFilter(LeafSystem):

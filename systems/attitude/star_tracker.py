@@ -15,6 +15,7 @@ from proxops.systems.common import (
     quaternion_inverse,
     quaternion_of,
     quaternion_product,
+    rotated,
     vector,
 )
 from proxops.systems.vehicle import gauss_markov_at, white_noise_at
@@ -98,7 +99,8 @@ class StarTracker(SeededSystem):
         self.constant, self.varying_std = constant, varying_std
         self.correlation_time = correlation_time
         axis = np.array(sheet.boresight)
-        self._boresight = axis / np.linalg.norm(axis)
+        x, y, z = (axis / np.linalg.norm(axis)).tolist()
+        self._boresight = x, y, z
         self._blinded = math.cos(math.radians(sheet.blinded_within_deg))
         self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
         self._body_port = self.DeclareVectorInputPort("body_attitude", 4)
@@ -136,9 +138,5 @@ class StarTracker(SeededSystem):
             return False
         w, x, y, z = self._body_port.Eval(context).tolist()
         down = -self._position_port.Eval(context)
-        turn = np.array([x, y, z])
-        # The boresight in K.
-        axis = self._boresight + 2.0 * np.cross(
-            turn, np.cross(turn, self._boresight) + w * self._boresight
-        )
+        axis = np.array(rotated((w, x, y, z), self._boresight))  # In K.
         return float(axis @ down) > self._blinded * float(np.linalg.norm(down))

@@ -26,7 +26,7 @@ _FAILED = -1.0
 _ONE = np.eye(3)
 
 
-class TorqueErrors(NamedTuple):
+class _Errors(NamedTuple):
     """Standard deviations of what is estimated at first, and how it may change."""
 
     centre: float = 0.015
@@ -41,6 +41,9 @@ class TorqueErrors(NamedTuple):
     """Of the disturbing torque, in N m."""
     torque_walk: float = 2e-5
     """What is added to the disturbing torque in 1 s, in N m."""
+
+
+_ERRORS = _Errors()
 
 
 class TorqueEstimate(NamedTuple):
@@ -59,9 +62,9 @@ class TorqueEstimate(NamedTuple):
         return self.mean[FIRST:].reshape(-1, 3).T
 
 
-def first_torque_estimate(layout: ThrusterLayout, errors: TorqueErrors) -> TorqueEstimate:
+def first_torque_estimate(layout: ThrusterLayout) -> TorqueEstimate:
     """What is believed at first: the data sheet, within errors."""
-    n = layout.count
+    n, errors = layout.count, _ERRORS
     covariance = np.zeros((6 + 3 * n, 6 + 3 * n))
     covariance[CENTRE, CENTRE] = errors.centre**2 * _ONE
     covariance[TORQUE, TORQUE] = errors.torque**2 * _ONE
@@ -142,7 +145,6 @@ class TorqueEstimator(LeafSystem):
         period: float,
         rate_noise: float,
         wheel_axes: np.ndarray | None = None,
-        errors: TorqueErrors | None = None,
     ):
         """Takes what is believed.
 
@@ -150,17 +152,15 @@ class TorqueEstimator(LeafSystem):
           layout: of the thrusters. inertia: (3, 3) in kg m^2 of all. period: s.
           rate_noise: standard deviation of the angular velocity in rad/s.
           wheel_axes: (m, 3) unit vectors; None: no wheels.
-          errors: of what is estimated.
         """
         super().__init__()
         self.layout, self.inertia, self.period = layout, inertia, period
-        self.errors = errors or TorqueErrors()
         self.wheel_axes = np.zeros((0, 3)) if wheel_axes is None else wheel_axes
         per_second = inertia * (math.sqrt(2.0) * rate_noise / period)
         self._noise = per_second @ per_second.T + 1e-12 * _ONE
         self._wrenches = layout.wrenches()
-        first = first_torque_estimate(layout, self.errors)
-        self._size, self._walk = first.mean.size, self.errors.torque_walk**2 * period
+        first = first_torque_estimate(layout)
+        self._size, self._walk = first.mean.size, _ERRORS.torque_walk**2 * period
         declare = self.DeclareVectorInputPort
         self._rate_port = declare("angular_velocity", 3)
         self._on_port = declare("on_times", layout.count)

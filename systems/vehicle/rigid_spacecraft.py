@@ -20,9 +20,8 @@ from proxops.systems.common import (
     finite_vector,
     kernel,
 )
+from proxops.systems.vehicle.spacecraft import mass_left
 
-# Below this share of the first mass, all propellant must have been used up long ago.
-_LEAST_MASS = 1e-3
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -291,13 +290,7 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
         def DoCalcTimeDerivatives(self, context, derivatives):  # noqa: N802
             state = context.get_continuous_state_vector().CopyToVector()
             rates = np.empty_like(state)
-            mass = state[-1]
-            if not mass >= _LEAST_MASS * self.mass:
-                raise InputError(
-                    f"the propellant is used up: of {self.mass:g} kg, less than "
-                    f"{_LEAST_MASS * self.mass:g} kg are left; raise the specific impulse or the "
-                    "mass, or fly for a shorter time"
-                )
+            mass = mass_left(self.mass, state[-1])
             momentum = np.zeros(6, dtype=state.dtype)
             if len(self.wheel_axes):
                 rates[13:-1] = torque = self._wheel_port.Eval(context)

@@ -127,7 +127,7 @@ def _declare_state(craft, basic_vector) -> None:
 def _acceleration(craft, state, gravity, force):
     """The acceleration (3,) of a `Spacecraft` in m/s^2, in K, for any scalar type."""
     position, velocity = state[:3], state[3:6]
-    mass = _mass_left(craft.mass, state[6]) if craft.burns_propellant else craft.mass
+    mass = mass_left(craft.mass, state[6]) if craft.burns_propellant else craft.mass
     if craft.about_z:
         return rotating_frame_acceleration(position, velocity, gravity, force, mass, craft.spin)
     return spinning_frame_acceleration(
@@ -135,7 +135,7 @@ def _acceleration(craft, state, gravity, force):
     )
 
 
-def _mass_left(first: float, mass):
+def mass_left(first: float, mass):
     """`mass` in kg, of any scalar type; raises `InputError` if next to nothing is left."""
     if not mass >= _LEAST_MASS * first:
         raise InputError(
