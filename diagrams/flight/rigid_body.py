@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import OutputPort
-from pydrake.systems.primitives import Demultiplexer, Multiplexer, ZeroOrderHold
+from pydrake.systems.primitives import ZeroOrderHold
 
 from proxops.diagrams.flight.wiring import (
     ATTITUDE_STREAM,
@@ -176,49 +176,42 @@ def add_actuation(
     fresh = wiring.add("force_sample", FreshHold(wiring.scenario.control_period_s, 3), u=command)
     torque = _add_control(wiring, own, craft, known)
     layout, wheels = own.model.thrusters, own.model.wheels
-    n, m = layout.count, 0 if wheels is None else len(wheels.axes)
     allocation = wiring.add(
         "thruster_allocation",
         ThrusterAllocation(layout, own.period),
         force=fresh.get_output_port(),
         attitude=known["body_attitude"],
     )
-    builder, momentum = wiring.builder, None
+    builder = wiring.builder
     given = builder.GetSubsystemByName("given_force").get_input_port()
     builder.Connect(allocation.GetOutputPort("given_force"), given)
-    times = allocation.GetOutputPort("on_times")
-    wheel_torque = None
-    if wheels is None:
-        builder.Connect(torque, allocation.GetInputPort("torque"))
-    else:
-        momentum = craft.GetOutputPort("wheel_momentum")
-        share = wiring.add(
-            "reaction_wheels",
-            ReactionWheels(wheels),
-            torque=torque,
-            wheel_momentum=momentum,
-            given_torque=allocation.GetOutputPort("given_torque"),
-        )
-        asked = share.GetOutputPort("thruster_torque")
-        builder.Connect(asked, allocation.GetInputPort("torque"))
-        both = wiring.add("actuators", Multiplexer([n, m]))
-        builder.Connect(times, both.get_input_port(0))
-        builder.Connect(share.GetOutputPort("wheel_torque"), both.get_input_port(1))
-        times = both.get_output_port()
-    held = wiring.add("actuator_hold", ZeroOrderHold(own.period, n + m), u=times)
-    times = held.get_output_port()
-    if wheels is not None:
-        parts = wiring.add("actuator_parts", Demultiplexer([n, m]), u0=times)
-        times, wheel_torque = parts.get_output_port(0), parts.get_output_port(1)
+    times = _held(wiring, own, "thruster_hold", allocation.GetOutputPort("on_times"))
     estimator = builder.GetSubsystemByName("torque_estimator")
     builder.Connect(times, estimator.GetInputPort("on_times"))
     for name in ("thruster_torques", "failed"):
         builder.Connect(estimator.GetOutputPort(name), allocation.GetInputPort(name))
-    if wheel_torque is not None:
+    if wheels is None:
+        builder.Connect(torque, allocation.GetInputPort("torque"))
+    else:
+        share = wiring.add(
+            "reaction_wheels",
+            ReactionWheels(wheels),
+            torque=torque,
+            wheel_momentum=craft.GetOutputPort("wheel_momentum"),
+            given_torque=allocation.GetOutputPort("given_torque"),
+        )
+        asked = share.GetOutputPort("thruster_torque")
+        builder.Connect(asked, allocation.GetInputPort("torque"))
+        wheel_torque = _held(wiring, own, "wheel_hold", share.GetOutputPort("wheel_torque"))
         builder.Connect(wheel_torque, estimator.GetInputPort("wheel_torque"))
         _add_wheels(wiring, own, craft, wheel_torque)
     _add_thrusters(wiring, own, craft, times)
     wiring.logged["on_times"] = times
+
+
+def _held(wiring: Wiring, own: _Attitude, name: str, port: OutputPort) -> OutputPort:
+    """Holds what is commanded over each attitude period."""
+    return wiring.add(name, ZeroOrderHold(own.period, port.size()), u=port).get_output_port()
 
 
 def _add_control(

@@ -17,6 +17,8 @@ from proxops.systems.common import (
     Values,
     Vector3,
     cross_matrix,
+    inverse_matrix,
+    kernel,
     quaternion_of,
     quaternion_product,
 )
@@ -81,15 +83,33 @@ def propagated(
     a, b, c, d = before.attitude.tolist()
     attitude = np.array(quaternion_product((a, b, c, d), quaternion_of((x, y, z))))
     kept = math.exp(-period / DRIFT_TIME)
-    change = np.eye(6)
-    cross = cross_matrix(turn)
-    change[:3, :3] += 0.5 * cross @ cross - cross
-    change[:3, 3:] = -period * np.eye(3)
-    change[3:, 3:] *= kept
-    added = np.repeat([(period * noise.gyro) ** 2, noise.bias**2 * (1.0 - kept**2)], 3)
-    covariance = change @ before.covariance @ change.T
-    covariance.flat[::7] += added
+    added = (period * noise.gyro) ** 2, noise.bias**2 * (1.0 - kept**2)
+    covariance = _grown(before.covariance, turn, period, kept, added)
     return AttitudeEstimate(attitude / math.hypot(*attitude), kept * before.bias, covariance)
+
+
+@kernel(error_model="numpy")
+def _grown(covariance, turn, period, kept, added):
+    """The covariance (6, 6) after a period: C P C^T and the variances that are added."""
+    cross = cross_matrix(turn)
+    change, half, out = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+    for i in range(3):
+        for j in range(3):
+            change[i, j] -= cross[i, j]
+            for k in range(3):
+                change[i, j] += 0.5 * cross[i, k] * cross[k, j]
+        change[i, i] += 1.0
+        change[i, i + 3], change[i + 3, i + 3] = -period, kept
+        out[i, i], out[i + 3, i + 3] = added
+    for i in range(6):
+        for j in range(6):
+            for k in range(6):
+                half[i, j] += change[i, k] * covariance[k, j]
+    for i in range(6):
+        for j in range(6):
+            for k in range(6):
+                out[i, j] += half[i, k] * change[j, k]
+    return out
 
 
 def corrected_attitude(
@@ -97,15 +117,31 @@ def corrected_attitude(
 ) -> AttitudeEstimate:
     """The estimate after a measurement R_NS (4,) of the star tracker."""
     error = attitude_error(measured, prior.attitude)
-    covariance = prior.covariance
-    total = covariance[:3, :3] + noise.tracker**2 * np.eye(3)
-    gain = np.linalg.solve(total, covariance[:3]).T
-    change = gain @ error
+    change, covariance = _corrected(prior.covariance, error, noise.tracker**2)
     x, y, z = change[:3].tolist()
     a, b, c, d = prior.attitude.tolist()
     attitude = np.array(quaternion_product((a, b, c, d), quaternion_of((x, y, z))))
-    after = covariance - gain @ covariance[:3]
-    return AttitudeEstimate(attitude, prior.bias + change[3:], 0.5 * (after + after.T))
+    return AttitudeEstimate(attitude, prior.bias + change[3:], covariance)
+
+
+@kernel(error_model="numpy")
+def _corrected(covariance, error, variance):
+    """What is added to the mean (6,), and the covariance (6, 6), by an error (3,) measured."""
+    total = covariance[:3, :3].copy()
+    for i in range(3):
+        total[i, i] += variance
+    inverse = inverse_matrix(total)
+    gain, change, after = np.zeros((6, 3)), np.zeros(6), covariance.copy()
+    for i in range(6):
+        for j in range(3):
+            for k in range(3):
+                gain[i, j] += covariance[i, k] * inverse[k, j]
+            change[i] += gain[i, j] * error[j]
+    for i in range(6):
+        for j in range(6):
+            for k in range(3):
+                after[i, j] -= gain[i, k] * covariance[k, j]
+    return change, 0.5 * (after + after.T)
 
 
 @functools.lru_cache(maxsize=8)

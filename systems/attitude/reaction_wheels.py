@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import Values, Vector3, Vectors3
+from proxops.systems.common import Values, Vector3, Vectors3, kernel
 
 # Wheels are unloaded from this share of their limit on, at this rate in 1/s.
 _LOADED, _UNLOADING = 0.1, 0.05
@@ -32,7 +32,7 @@ class WheelArray:
     @cached_property
     def shares(self) -> Vectors3:
         """(n, 3): the motor torques of least squares for a unit torque on the wheels."""
-        return np.linalg.pinv(self.axes.T)
+        return np.ascontiguousarray(np.linalg.pinv(self.axes.T))
 
 
 def wheel_torques(torque: Vector3, momentum: Values, wheels: WheelArray) -> Values:
@@ -43,10 +43,19 @@ def wheel_torques(torque: Vector3, momentum: Values, wheels: WheelArray) -> Valu
     Args:
       torque: on the bus, in S. momentum: (n,) of the wheels in N m s. wheels: their limits.
     """
-    motor = -wheels.shares @ torque
-    motor = np.minimum(np.maximum(motor, -wheels.torque), wheels.torque)
-    full = (np.abs(momentum) > _FULL * wheels.momentum) & (motor * momentum > 0.0)
-    return np.where(full, 0.0, motor)
+    return _motors(torque, momentum, wheels.shares, (wheels.torque, wheels.momentum))
+
+
+@kernel(error_model="numpy")
+def _motors(torque, momentum, shares, limits):
+    most, largest = limits
+    motors = np.empty(len(momentum))
+    for k in range(len(momentum)):
+        asked = -(shares[k, 0] * torque[0] + shares[k, 1] * torque[1] + shares[k, 2] * torque[2])
+        asked = min(max(asked, -most), most)
+        full = abs(momentum[k]) > _FULL * largest and asked * momentum[k] > 0.0
+        motors[k] = 0.0 if full else asked
+    return motors
 
 
 def torque_for_thrusters(torque: Vector3, momentum: Values, wheels: WheelArray) -> Vector3:
@@ -118,6 +127,13 @@ class WheelFriction(LeafSystem):
         self.DeclareVectorOutputPort("wheel_torque", n, self._calc, {self.all_input_ports_ticket()})
 
     def _calc(self, context, output):
-        torque, momentum = self._torque_port.Eval(context), self._momentum_port.Eval(context)
-        stopped = (np.abs(momentum) >= self.limit) & (torque * momentum > 0.0)
-        output.SetFromVector(np.where(stopped, 0.0, torque) - self.friction * momentum)
+        limit, friction = self.limit, self.friction
+        torques = self._torque_port.Eval(context).tolist()
+        momenta = self._momentum_port.Eval(context).tolist()
+        # Numbers of Python: it is asked thrice a step, and numpy takes longer for four.
+        output.SetFromVector(
+            [
+                (0.0 if abs(h) >= limit and u * h > 0.0 else u) - friction * h
+                for u, h in zip(torques, momenta, strict=True)
+            ]
+        )

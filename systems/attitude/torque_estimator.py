@@ -9,7 +9,14 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from proxops.systems.attitude.thruster_layout import ThrusterLayout
-from proxops.systems.common import Matrix3, Values, Vector3, cross_matrix
+from proxops.systems.common import (
+    Matrix3,
+    Values,
+    Vector3,
+    cross_matrix,
+    inverse_matrix,
+    kernel,
+)
 
 CENTRE, TORQUE, FIRST = slice(0, 3), slice(3, 6), 6
 """Where the estimate has the centre of mass (m, S), the disturbing torque (N m, S), and from where
@@ -24,6 +31,7 @@ _CONTRADICTION = 30.0
 _INERTIA = 0.05
 _FAILED = -1.0
 _ONE = np.eye(3)
+_NO_WHEELS = np.zeros(0)
 
 
 class _Errors(NamedTuple):
@@ -94,30 +102,113 @@ def corrected_torque(
         of those that have failed.
       noise: (3, 3) covariance of y in (N m)^2.
     """
-    mean, covariance, suspicion = prior
-    forces = pushes[:3]
-    sizes = np.sqrt((forces * forces).sum(axis=0))
-    shift = cross_matrix(mean[CENTRE]) @ forces
-    own = sizes * prior.levers - shift
-    rows = np.hstack([cross_matrix(forces.sum(axis=1)), _ONE, np.kron(sizes, _ONE)])
-    innovation = unexplained - own.sum(axis=1) - mean[TORQUE]
-    across = rows @ covariance
-    inverse = np.linalg.inv(across @ rows.T + noise)
+    mean, covariance, suspicion = _corrected(*prior, unexplained, pushes, noise)
+    return TorqueEstimate(mean, covariance, suspicion)
 
-    lost = -(pushes[3:] + own)
-    weighted = inverse @ lost
-    ratio = innovation @ weighted - 0.5 * (lost * weighted).sum(axis=0)
-    suspicion = np.where(suspicion == _FAILED, _FAILED, np.maximum(suspicion + ratio, 0.0))
-    first, second = np.sort(suspicion)[[-1, -2]]
-    if first > _SURE and first - second > _BEFORE_OTHERS:
-        suspicion = np.where(suspicion == _FAILED, _FAILED, 0.0)
-        suspicion[np.argmax(prior.suspicion + ratio)] = _FAILED
-        return TorqueEstimate(mean, covariance, suspicion)
-    if innovation @ inverse @ innovation > _CONTRADICTION and ratio.max() > 0.0:
-        return TorqueEstimate(mean, covariance, suspicion)
-    gain = across.T @ inverse
-    after = covariance - gain @ across
-    return TorqueEstimate(mean + gain @ innovation, 0.5 * (after + after.T), suspicion)
+
+@kernel(error_model="numpy")
+def _corrected(mean, covariance, suspicion, unexplained, pushes, noise):
+    """The numbers of `corrected_torque`."""
+    n, size = pushes.shape[1], len(mean)
+    forces, all_forces, cross = pushes[:3], np.zeros(3), cross_matrix(mean[:3])
+    rows, own, innovation = np.zeros((3, size)), np.zeros((3, n)), unexplained - mean[3:6]
+    for k in range(n):
+        first = FIRST + 3 * k
+        force = math.sqrt(forces[0, k] ** 2 + forces[1, k] ** 2 + forces[2, k] ** 2)
+        for i in range(3):
+            rows[i, first + i] = force
+            all_forces[i] += forces[i, k]
+            own[i, k] = force * mean[first + i]
+            for j in range(3):
+                own[i, k] -= cross[i, j] * forces[j, k]
+            innovation[i] -= own[i, k]
+    rows[:, :3] = cross_matrix(all_forces)
+    for i in range(3):
+        rows[i, 3 + i] = 1.0
+    across = np.zeros((3, size))
+    for i in range(3):
+        for k in range(size):
+            if rows[i, k] != 0.0:
+                across[i] += rows[i, k] * covariance[k]
+    total = noise.copy()
+    for i in range(3):
+        for j in range(3):
+            total[i, j] += (across[i] * rows[j]).sum()
+    inverse = inverse_matrix(total)
+
+    after, highest, ratios = suspicion.copy(), -np.inf, np.zeros(n)
+    for k in range(n):
+        for i in range(3):
+            lost = -(pushes[3 + i, k] + own[i, k])
+            for j in range(3):
+                other = -(pushes[3 + j, k] + own[j, k])
+                ratios[k] += lost * inverse[i, j] * (innovation[j] - 0.5 * other)
+        if suspicion[k] != _FAILED:
+            after[k] = max(suspicion[k] + ratios[k], 0.0)
+        highest = max(highest, ratios[k])
+    worst = int(np.argmax(after))
+    second = -np.inf
+    for k in range(n):
+        if k != worst:
+            second = max(second, after[k])
+    if after[worst] > _SURE and after[worst] - second > _BEFORE_OTHERS:
+        after = np.where(suspicion == _FAILED, _FAILED, 0.0)
+        after[worst] = _FAILED
+        return mean, covariance, after
+    weighted, square = np.zeros(3), 0.0
+    for i in range(3):
+        for j in range(3):
+            weighted[i] += inverse[i, j] * innovation[j]
+        square += weighted[i] * innovation[i]
+    if square > _CONTRADICTION and highest > 0.0:
+        return mean, covariance, after
+    new_mean, new_covariance = mean.copy(), covariance.copy()
+    for i in range(3):
+        new_mean += across[i] * weighted[i]
+        for j in range(3):
+            for k in range(size):
+                new_covariance[k] -= across[i, k] * inverse[i, j] * across[j]
+    return new_mean, 0.5 * (new_covariance + new_covariance.T), after
+
+
+class _Turned(NamedTuple):
+    """How the bus turned over a period."""
+
+    before: Vector3
+    """(3,) angular velocity in rad/s in S, at its start."""
+    after: Vector3
+    """(3,) at its end."""
+    motors: Values
+    """(m,) torques of the wheels' motors in N m."""
+    momenta: Values
+    """(m,) of the wheels at its end in N m s."""
+    period: float
+    """s."""
+
+
+@kernel(error_model="numpy")
+def _torque_on_bus(turned, inertia, wheel_axes):
+    """The torque (3,) in N m from outside, by Euler's equation, and its covariance (3, 3).
+
+    That is J w' + h' + w x (J w + h), with the motors' torques h', in the middle of the period.
+    """
+    turning, torque, momentum = np.zeros(3), np.zeros(3), np.zeros(3)
+    middle = 0.5 * (turned.before + turned.after)
+    for i in range(3):
+        for j in range(3):
+            turning[i] += inertia[i, j] * (turned.after[j] - turned.before[j]) / turned.period
+            momentum[i] += inertia[i, j] * middle[j]
+        torque[i] = turning[i]
+        for k in range(len(wheel_axes)):
+            motor = turned.motors[k]
+            torque[i] += motor * wheel_axes[k, i]
+            momentum[i] += (turned.momenta[k] - 0.5 * turned.period * motor) * wheel_axes[k, i]
+    cross, noise = cross_matrix(middle), np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            torque[i] += cross[i, j] * momentum[j]
+        noise[i, i] = (_INERTIA * turning[i]) ** 2
+    return torque, noise
 
 
 class TorqueEstimator(LeafSystem):
@@ -160,7 +251,8 @@ class TorqueEstimator(LeafSystem):
         self._noise = per_second @ per_second.T + 1e-12 * _ONE
         self._wrenches = layout.wrenches()
         first = first_torque_estimate(layout)
-        self._size, self._walk = first.mean.size, _ERRORS.torque_walk**2 * period
+        self._size, self._walk = first.mean.size, np.zeros_like(first.covariance)
+        self._walk[TORQUE, TORQUE] = _ERRORS.torque_walk**2 * period * _ONE
         declare = self.DeclareVectorInputPort
         self._rate_port = declare("angular_velocity", 3)
         self._on_port = declare("on_times", layout.count)
@@ -196,22 +288,16 @@ class TorqueEstimator(LeafSystem):
         rate, on = self._rate_port.Eval(context), self._on_port.Eval(context)
         now = before
         if np.isfinite(last[0]):
-            mean, momentum = 0.5 * (rate + last), np.zeros(3)
-            turning = self.inertia @ (rate - last) / self.period
-            torque = turning
+            motors, momenta = _NO_WHEELS, _NO_WHEELS
             if len(self.wheel_axes):
-                motor = self._wheel_port.Eval(context)
-                middle = self._momentum_port.Eval(context) - 0.5 * self.period * motor
-                momentum = middle @ self.wheel_axes
-                torque = torque + motor @ self.wheel_axes
-            torque = torque + cross_matrix(mean) @ (self.inertia @ mean + momentum)
+                motors, momenta = self._wheel_port.Eval(context), self._momentum_port.Eval(context)
+            turned = _Turned(last, rate, motors, momenta, self.period)
             share = np.where(before.suspicion == _FAILED, 0.0, on / self.period)
             pushes = self._wrenches * share
-            noise = self._noise + np.diag((_INERTIA * turning) ** 2)
-            covariance = before.covariance.copy()
-            covariance[TORQUE, TORQUE] += self._walk * _ONE
-            prior = before._replace(covariance=covariance)
-            now = corrected_torque(prior, torque - pushes[3:].sum(axis=1), pushes, noise)
+            torque, noise = _torque_on_bus(turned, self.inertia, self.wheel_axes)
+            prior = before._replace(covariance=before.covariance + self._walk)
+            unexplained = torque - pushes[3:].sum(axis=1)
+            now = corrected_torque(prior, unexplained, pushes, self._noise + noise)
         discrete_state.set_value(self._memory, self._packed(rate, now))
 
     def _packed(self, rate: Vector3, estimate: TorqueEstimate) -> Values:
@@ -219,7 +305,7 @@ class TorqueEstimator(LeafSystem):
         return np.concatenate(parts)
 
     def _unpacked(self, vector: Values) -> tuple[Vector3, TorqueEstimate]:
-        n, thrusters, vector = self._size, self.layout.count, vector.copy()
+        n, thrusters = self._size, self.layout.count
         mean, rest = vector[3 : 3 + n], vector[3 + n :]
         covariance = rest[thrusters:].reshape(n, n)
         return vector[:3], TorqueEstimate(mean, covariance, rest[:thrusters])

@@ -56,6 +56,7 @@ from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import (
     Quaternion,
     cross_matrix,
+    inverse_matrix,
     quaternion_inverse,
     quaternion_of,
     quaternion_product,
@@ -123,6 +124,7 @@ __all__ = [
     "force_port",
     "generator",
     "html_table",
+    "inverse_matrix",
     "keep_arrays",
     "kept_arrays",
     "kernel",

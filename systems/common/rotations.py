@@ -99,3 +99,15 @@ def cross_matrix(vector):
     out[0, 1], out[0, 2], out[1, 2] = -z, y, -x
     out[1, 0], out[2, 0], out[2, 1] = z, -y, x
     return out
+
+
+@kernel(error_model="numpy", forceinline=True)
+def inverse_matrix(matrix):
+    """The inverse of a matrix (3, 3), by its cofactors, in compiled functions."""
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            out[i, j] = matrix[a, c] * matrix[b, d] - matrix[a, d] * matrix[b, c]
+    determinant = matrix[0, 0] * out[0, 0] + matrix[0, 1] * out[1, 0] + matrix[0, 2] * out[2, 0]
+    return out / determinant

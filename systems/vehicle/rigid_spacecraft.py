@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
@@ -23,6 +24,7 @@ from proxops.systems.common import (
 from proxops.systems.vehicle.spacecraft import mass_left
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
+_NO_MOTORS = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -37,9 +39,26 @@ class RigidBodyStart:
     """w_NS (3,) in rad/s, in S."""
 
 
+class _Constants(NamedTuple):
+    """What stays as it is: the body's motion and the spacecraft's mass properties."""
+
+    spin: np.ndarray
+    """w_K (3,) in rad/s in K."""
+    axis_point: np.ndarray
+    """c (3,) in m in K: a point of the spin axis."""
+    bus: np.ndarray
+    """J (3, 3) in kg m^2: the inertia without the wheels' own about their axes."""
+    bus_inverse: np.ndarray
+    """J^-1."""
+    inertia: np.ndarray
+    """I (3, 3) in kg m^2: of all of it."""
+    wheel_axes: np.ndarray
+    """(n, 3) unit vectors in S."""
+
+
 @kernel(error_model="numpy")
-def rigid_rates(motion, momentum, push, pull, turn, body):
-    """The time derivatives of attitude, position, angular velocity and velocity.
+def rigid_rates(state, force, torque, motors, gravity, gradient, constants):
+    """The time derivative of the state of a `RigidSpacecraft`, but for the mass.
 
     With w = w_NS in S, w_K the body's angular velocity, h the momentum of the wheels in S,
     L = J w + h and R = R_KS (Hughes, Spacecraft Attitude Dynamics, 1986, sections 3.3 and 6.1)::
@@ -54,21 +73,28 @@ def rigid_rates(motion, momentum, push, pull, turn, body):
     It is plain arithmetic on numbers, so that it also runs uncompiled on Drake's AutoDiffXd.
 
     Args:
-      motion: 13 numbers: q_KS (w, x, y, z), p_KS (m, K), w_NS (rad/s, S), v_KS (m/s, K).
-      momentum: 6 numbers: h (N m s) and h' (N m), in S.
-      push: 7 numbers: force (N, S) and torque (N m, S) of the thrusters, and mass (kg).
-      pull: 12 numbers: gravity (m/s^2, K) and its gradient (1/s^2, K) row by row.
-      turn: 6 numbers: w_K (rad/s, K), and c (m, K), a point of the spin axis.
-      body: 27 numbers: J without the wheels' axial inertia, J^-1, and I with it (kg m^2), each row
-        by row.
+      state: 14 + n numbers: q_KS (w, x, y, z), p_KS (m, K), w_NS (rad/s, S), v_KS (m/s, K), the
+        wheels' momenta (N m s), the mass (kg).
+      force, torque: (3,) of the thrusters, in N and N m in S. motors: (n,) in N m, of the wheels.
+      gravity: (3,) in m/s^2 in K. gradient: (9,) in 1/s^2, row by row.
+      constants: `_Constants`.
 
     Returns:
-      13 numbers, in the order of `motion`.
+      14 + n numbers, in the order of `state`; the last is 0.
     """
-    qw, qx, qy, qz = motion[0], motion[1], motion[2], motion[3]
-    x, y, z = motion[4] - turn[3], motion[5] - turn[4], motion[6] - turn[5]
-    wx, wy, wz = motion[7], motion[8], motion[9]
-    vx, vy, vz = motion[10], motion[11], motion[12]
+    spin, axis_point, bus, inverse, inertia, wheel_axes = constants
+    wheels = len(wheel_axes)
+    qw, qx, qy, qz = state[0], state[1], state[2], state[3]
+    x, y, z = state[4] - axis_point[0], state[5] - axis_point[1], state[6] - axis_point[2]
+    wx, wy, wz = state[7], state[8], state[9]
+    vx, vy, vz = state[10], state[11], state[12]
+    mass = state[13 + wheels]
+    hx, hy, hz = 0.0 * wx, 0.0 * wx, 0.0 * wx
+    nx, ny, nz = torque[0], torque[1], torque[2]
+    for k in range(wheels):
+        i, j, m = wheel_axes[k, 0], wheel_axes[k, 1], wheel_axes[k, 2]
+        hx, hy, hz = hx + i * state[13 + k], hy + j * state[13 + k], hz + m * state[13 + k]
+        nx, ny, nz = nx - i * motors[k], ny - j * motors[k], nz - m * motors[k]
     # R_KS, of a quaternion whose length may have drifted by rounding.
     s = 2.0 / (qw * qw + qx * qx + qy * qy + qz * qz)
     r00, r01, r02 = (
@@ -86,7 +112,7 @@ def rigid_rates(motion, momentum, push, pull, turn, body):
         s * (qy * qz + qw * qx),
         1.0 - s * (qx * qx + qy * qy),
     )
-    a, b, c = turn[0], turn[1], turn[2]
+    a, b, c = spin[0], spin[1], spin[2]
     # Of S against K, in S.
     ux = wx - (r00 * a + r10 * b + r20 * c)
     uy = wy - (r01 * a + r11 * b + r21 * c)
@@ -98,9 +124,9 @@ def rigid_rates(motion, momentum, push, pull, turn, body):
         0.5 * (qw * uz + qx * uy - qy * ux),
     )
     # The gradient in S times the whole inertia.
-    g00, g01, g02 = pull[3], pull[4], pull[5]
-    g10, g11, g12 = pull[6], pull[7], pull[8]
-    g20, g21, g22 = pull[9], pull[10], pull[11]
+    g00, g01, g02 = gradient[0], gradient[1], gradient[2]
+    g10, g11, g12 = gradient[3], gradient[4], gradient[5]
+    g20, g21, g22 = gradient[6], gradient[7], gradient[8]
     t00, t01, t02 = (
         g00 * r00 + g01 * r10 + g02 * r20,
         g00 * r01 + g01 * r11 + g02 * r21,
@@ -122,37 +148,42 @@ def rigid_rates(motion, momentum, push, pull, turn, body):
     syy = r01 * t01 + r11 * t11 + r21 * t21
     syz = r01 * t02 + r11 * t12 + r21 * t22
     szz = r02 * t02 + r12 * t12 + r22 * t22
-    i00, i01, i02 = body[18], body[19], body[20]
-    i11, i12, i22 = body[22], body[23], body[26]
+    i00, i01, i02 = inertia[0, 0], inertia[0, 1], inertia[0, 2]
+    i11, i12, i22 = inertia[1, 1], inertia[1, 2], inertia[2, 2]
     gx = (sxy * i02 + syy * i12 + syz * i22) - (sxz * i01 + syz * i11 + szz * i12)
     gy = (sxz * i00 + syz * i01 + szz * i02) - (sxx * i02 + sxy * i12 + sxz * i22)
     gz = (sxx * i01 + sxy * i11 + sxz * i12) - (sxy * i00 + syy * i01 + syz * i02)
     # Euler's equation.
-    lx = body[0] * wx + body[1] * wy + body[2] * wz + momentum[0]
-    ly = body[3] * wx + body[4] * wy + body[5] * wz + momentum[1]
-    lz = body[6] * wx + body[7] * wy + body[8] * wz + momentum[2]
-    nx = push[3] + gx - (wy * lz - wz * ly) - momentum[3]
-    ny = push[4] + gy - (wz * lx - wx * lz) - momentum[4]
-    nz = push[5] + gz - (wx * ly - wy * lx) - momentum[5]
+    lx = bus[0, 0] * wx + bus[0, 1] * wy + bus[0, 2] * wz + hx
+    ly = bus[1, 0] * wx + bus[1, 1] * wy + bus[1, 2] * wz + hy
+    lz = bus[2, 0] * wx + bus[2, 1] * wy + bus[2, 2] * wz + hz
+    nx = nx + gx - (wy * lz - wz * ly)
+    ny = ny + gy - (wz * lx - wx * lz)
+    nz = nz + gz - (wx * ly - wy * lx)
     dw = (
-        body[9] * nx + body[10] * ny + body[11] * nz,
-        body[12] * nx + body[13] * ny + body[14] * nz,
-        body[15] * nx + body[16] * ny + body[17] * nz,
+        inverse[0, 0] * nx + inverse[0, 1] * ny + inverse[0, 2] * nz,
+        inverse[1, 0] * nx + inverse[1, 1] * ny + inverse[1, 2] * nz,
+        inverse[2, 0] * nx + inverse[2, 1] * ny + inverse[2, 2] * nz,
     )
     # Motion in K: w x (2 v + w x (r - c)).
     px = 2.0 * vx + (b * z - c * y)
     py = 2.0 * vy + (c * x - a * z)
     pz = 2.0 * vz + (a * y - b * x)
-    mass = push[6]
-    fx, fy, fz = push[0] / mass, push[1] / mass, push[2] / mass
+    fx, fy, fz = force[0] / mass, force[1] / mass, force[2] / mass
     dv = (
-        pull[0] - (b * pz - c * py) + (r00 * fx + r01 * fy + r02 * fz),
-        pull[1] - (c * px - a * pz) + (r10 * fx + r11 * fy + r12 * fz),
-        pull[2] - (a * py - b * px) + (r20 * fx + r21 * fy + r22 * fz),
+        gravity[0] - (b * pz - c * py) + (r00 * fx + r01 * fy + r02 * fz),
+        gravity[1] - (c * px - a * pz) + (r10 * fx + r11 * fy + r12 * fz),
+        gravity[2] - (a * py - b * px) + (r20 * fx + r21 * fy + r22 * fz),
     )
-    return (
-        dq[0], dq[1], dq[2], dq[3], vx, vy, vz, dw[0], dw[1], dw[2], dv[0], dv[1], dv[2],
-    )  # fmt: skip
+    out = np.empty_like(state)
+    out[0], out[1], out[2], out[3] = dq
+    out[4], out[5], out[6] = vx, vy, vz
+    out[7], out[8], out[9] = dw
+    out[10], out[11], out[12] = dv
+    for k in range(wheels):
+        out[13 + k] = motors[k]
+    out[13 + wheels] = 0.0 * mass
+    return out
 
 
 def check_inertia(owner: str, inertia) -> Matrix3:
@@ -236,10 +267,15 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             self.axis_point = np.array(finite_vector("RigidSpacecraft", "axis_point", axis_point))
             self.start = start or RigidBodyStart(np.zeros(6))
             self.wheel_axes = np.zeros((0, 3)) if wheel_axes is None else np.array(wheel_axes)
-            self._turn = np.concatenate([self.spin, self.axis_point])
             bus = self.inertia - wheel_inertia * self.wheel_axes.T @ self.wheel_axes
-            matrices = check_inertia("RigidSpacecraft's bus", bus), np.linalg.inv(bus), self.inertia
-            self._body = np.concatenate([each.ravel() for each in matrices])
+            self._constants = _Constants(
+                self.spin,
+                self.axis_point,
+                check_inertia("RigidSpacecraft's bus", bus),
+                np.linalg.inv(bus),
+                self.inertia,
+                self.wheel_axes,
+            )
             self._declare_ports()
 
         def _declare_ports(self):
@@ -289,17 +325,14 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
 
         def DoCalcTimeDerivatives(self, context, derivatives):  # noqa: N802
             state = context.get_continuous_state_vector().CopyToVector()
-            rates = np.empty_like(state)
-            mass = mass_left(self.mass, state[-1])
-            momentum = np.zeros(6, dtype=state.dtype)
+            mass_left(self.mass, state[-1])
+            motors = _NO_MOTORS
             if len(self.wheel_axes):
-                rates[13:-1] = torque = self._wheel_port.Eval(context)
-                momentum[:3] = state[13:-1] @ self.wheel_axes
-                momentum[3:] = torque @ self.wheel_axes
-            push = np.concatenate([*(port.Eval(context) for port in self._push_ports), [mass]])
-            pull = np.concatenate([port.Eval(context) for port in self._pull_ports])
+                motors = self._wheel_port.Eval(context)
             function = rigid_rates if T is float else rigid_rates.py_func
-            rates[:13] = function(state[:13], momentum, push, pull, self._turn, self._body)
+            given = [port.Eval(context) for port in self._push_ports]
+            pull = [port.Eval(context) for port in self._pull_ports]
+            rates = function(state, *given, motors, *pull, self._constants)
             rates[-1] = -self._flow_port.Eval(context)[0]
             derivatives.get_mutable_vector().SetFromVector(rates)
 
