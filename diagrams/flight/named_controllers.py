@@ -55,7 +55,7 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
         return make_zero()
     bundle = bundle_of(name, scenario)
     if bundle is None:
-        return _users_controller(name, scenario, body)
+        return users_system(name, scenario, body)
     kind, _, _ = name.partition(":")
     if kind in ("mpc", "pd"):
         return make_estimate_feedback(kind, bundle, scenario, body)
@@ -105,8 +105,12 @@ def controller_files(name: str) -> list[Path]:
     return [Path(source), *map(Path, files)]
 
 
-def _users_controller(name: str, scenario: Scenario, body: Body) -> System:
-    """Makes the controller of MODULE:FACTORY."""
+def users_system(name: str, scenario: Scenario, body: Body) -> System:
+    """Makes the controller, or the law of attitude guidance, of MODULE:FACTORY.
+
+    Raises:
+      InputError: the factory cannot be imported or fails, or what it makes is no System.
+    """
     _, colon, factory_name = name.partition(":")
     if not colon:
         raise InputError(

@@ -6,9 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import OutputPort
+from pydrake.systems.framework import OutputPort, System
 from pydrake.systems.primitives import ZeroOrderHold
 
+from proxops.diagrams.flight.named_controllers import users_system
 from proxops.diagrams.flight.wiring import (
     ATTITUDE_STREAM,
     GYRO_STREAM,
@@ -38,7 +39,14 @@ from proxops.systems.attitude import (
     shortest_turn,
     true_layout,
 )
-from proxops.systems.common import Quaternion, Vector, Vector3, quaternion_of, quaternion_product
+from proxops.systems.common import (
+    InputError,
+    Quaternion,
+    Vector,
+    Vector3,
+    quaternion_of,
+    quaternion_product,
+)
 from proxops.systems.vehicle import (
     FreshHold,
     RigidBodyStart,
@@ -99,10 +107,11 @@ def _pointed(wiring: Wiring) -> Quaternion:
     """R_KS as wanted at the start: after an approach the boresight is at the body, if asked for."""
     settings = wiring.scenario.spacecraft
     assert isinstance(settings, RigidBodyConfig)
-    if settings.pointing.mode == "hold":
+    if settings.pointing.mode != "body":
         return quaternion_of((0.0, 0.0, 0.0))
     boresight, start = np.array(settings.pointing.boresight), wiring.world.transit.start
-    turn = shortest_turn(boresight / np.linalg.norm(boresight), -start / np.linalg.norm(start))
+    way = np.array(settings.pointing.place_m) - start
+    turn = shortest_turn(boresight / np.linalg.norm(boresight), way / np.linalg.norm(way))
     return quaternion_of(_three(turn))
 
 
@@ -174,15 +183,19 @@ def add_actuation(
     assert isinstance(settings, RigidBodyConfig)
     own = _Attitude(settings, load_spacecraft(settings.model), settings.attitude_period_s)
     fresh = wiring.add("force_sample", FreshHold(wiring.scenario.control_period_s, 3), u=command)
+    known = {**known, "force": fresh.get_output_port()}
     torque = _add_control(wiring, own, craft, known)
     layout, wheels = own.model.thrusters, own.model.wheels
     allocation = wiring.add(
         "thruster_allocation",
         ThrusterAllocation(layout, own.period),
-        force=fresh.get_output_port(),
+        force=known["force"],
         attitude=known["body_attitude"],
     )
     builder = wiring.builder
+    guidance = builder.GetSubsystemByName("attitude_guidance")
+    if guidance.HasInputPort("lost"):
+        builder.Connect(allocation.GetOutputPort("lost"), guidance.GetInputPort("lost"))
     given = builder.GetSubsystemByName("given_force").get_input_port()
     builder.Connect(allocation.GetOutputPort("given_force"), given)
     times = _held(wiring, own, "thruster_hold", allocation.GetOutputPort("on_times"))
@@ -218,15 +231,10 @@ def _add_control(
     wiring: Wiring, own: _Attitude, craft: RigidSpacecraft, known: Signals
 ) -> OutputPort:
     """Adds guidance, control and what estimates torques; returns the torque on the bus."""
-    spin, wheels = wiring.world.body.spin_rate, own.model.wheels
+    wheels = own.model.wheels
     axes = None if wheels is None else wheels.axes
     inertia = own.settings.mass * own.model.bus_inertia
-    guidance = wiring.add(
-        "attitude_guidance",
-        AttitudeGuidance(own.settings.pointing, spin, own.period),
-        position=known["position"],
-        body_attitude=known["body_attitude"],
-    )
+    guidance = _add_guidance(wiring, own, known)
     momentum = None if wheels is None else craft.GetOutputPort("wheel_momentum")
     estimator = TorqueEstimator(
         own.model.thrusters, inertia, own.period, own.model.noise.gyro, axes
@@ -249,6 +257,24 @@ def _add_control(
     wiring.logged["centre_of_mass"] = estimator.GetOutputPort("centre_of_mass")
     wiring.logged["failed_thrusters"] = estimator.GetOutputPort("failed")
     return control.get_output_port()
+
+
+def _add_guidance(wiring: Wiring, own: _Attitude, known: Signals) -> System:
+    """Adds what says which attitude is wanted: the law of the settings, or the user's own."""
+    settings, world = own.settings.pointing, wiring.world
+    if settings.law:
+        guidance = users_system(settings.law, world.belief, world.body)
+        for name, size in (("reference", 4), ("reference_rate", 3)):
+            if not guidance.HasOutputPort(name) or guidance.GetOutputPort(name).size() != size:
+                raise InputError(
+                    f"spacecraft.pointing.law {settings.law!r} needs an output port {name!r} of "
+                    f"{size} numbers"
+                )
+    else:
+        guidance = AttitudeGuidance(settings, world.body.spin_rate, own.period)
+    names = ("position", "body_attitude", "force")
+    inputs = {name: known[name] for name in names if guidance.HasInputPort(name)}
+    return wiring.add("attitude_guidance", guidance, **inputs)
 
 
 def _add_wheels(wiring: Wiring, own: _Attitude, craft: RigidSpacecraft, torque: OutputPort) -> None:

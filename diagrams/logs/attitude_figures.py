@@ -8,12 +8,11 @@ import numpy as np
 import xarray as xr
 
 from proxops.diagrams.scenario import RigidBodyConfig, Scenario, load_spacecraft
-from proxops.systems.attitude import pointing_error
-from proxops.systems.common import Values, Vector3, Vectors3
+from proxops.systems.attitude import lost_directions, pointing_error
+from proxops.systems.common import Values
 
 # The figures leave out the first time (s), in which the centre of mass is not known yet.
 _SETTLED = 60.0
-_DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3)])
 
 
 def pointing_errors(data: xr.Dataset) -> Values:
@@ -39,10 +38,9 @@ def attitude_figures(data: xr.Dataset, scenario: Scenario) -> dict[str, typing.A
     failed = np.flatnonzero(np.nan_to_num(data["failed_thrusters"].values).any(axis=0))
     figures: dict[str, typing.Any] = {"thrusters_failed": failed.tolist()}
     wrenches = np.delete(model.thrusters.wrenches(), failed, axis=1)
+    lost = lost_directions(wrenches) if len(failed) else np.zeros((0, 3))
     figures["lost_directions"] = [
-        f"{'+' if axis.sum() > 0.0 else '-'}{'xyz'[int(np.argmax(np.abs(axis)))]}"
-        for axis in _DIRECTIONS
-        if len(failed) and not _can_push(wrenches, axis)
+        f"{'+' if axis.sum() > 0.0 else '-'}{'xyz'[int(np.argmax(np.abs(axis)))]}" for axis in lost
     ]
     if errors.size:
         figures["pointing_error_deg_median"] = float(np.median(errors))
@@ -51,11 +49,3 @@ def attitude_figures(data: xr.Dataset, scenario: Scenario) -> dict[str, typing.A
         momentum = np.abs(data["wheel_momentum"].values).max()
         figures["wheel_load"] = float(momentum) / model.wheels.momentum
     return figures
-
-
-def _can_push(wrenches: Vectors3, axis: Vector3) -> bool:
-    """Tells whether thrusters (6, n) can push along an axis (3,) without a torque."""
-    from scipy.optimize import nnls  # Slow to import.
-
-    _, rest = nnls(wrenches, np.append(axis, np.zeros(3)))
-    return bool(rest < 1e-6)

@@ -40,7 +40,7 @@ from proxops.systems.attitude.thruster_cluster import (
     TrueRigidBodyConfig,
     true_layout,
 )
-from proxops.systems.attitude.thruster_layout import ThrusterLayout
+from proxops.systems.attitude.thruster_layout import ThrusterLayout, lost_directions
 from proxops.systems.attitude.torque_estimator import TorqueEstimator
 
 __all__ = [
@@ -67,6 +67,7 @@ __all__ = [
     "WheelFriction",
     "attitude_error",
     "control_torque",
+    "lost_directions",
     "pointing_error",
     "settled_deviation",
     "shortest_turn",

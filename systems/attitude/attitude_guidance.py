@@ -10,6 +10,7 @@ from pydrake.systems.framework import LeafSystem
 from proxops.systems.common import (
     LONG,
     Values,
+    Vector,
     Vector3,
     config,
     number,
@@ -21,13 +22,22 @@ from proxops.systems.common import (
     vector,
 )
 
+# A force in N below this has no direction worth a turn.
+_LEAST_FORCE = 0.1
+
 
 @config
 class AttitudeGuidanceConfig:
     """Where the spacecraft points."""
 
-    # hold: S keeps to the axes of K. body: the boresight points at the body's centre.
-    mode: str = one_of("hold", ("hold", "body"))
+    # hold: S keeps to the axes of K. body: the boresight points at `place_m`. thrust: it points
+    # along the commanded force.
+    mode: str = one_of("hold", ("hold", "body", "thrust"))
+    # A law of one's own instead, MODULE:FACTORY, called as a controller's. Its System has the
+    # output ports of `AttitudeGuidance`, and any of its input ports.
+    law: str = ""
+    # A place in K: the body's centre, or one on its surface.
+    place_m: list[float] = vector([0.0] * 3, at_least=-1e7, at_most=1e7, unit="m")
     # A direction of S.
     boresight: list[float] = vector([0.0, 0.0, 1.0], at_least=-1.0, at_most=1.0)
     # Greatest rate of a slew, and the time in which it is reached.
@@ -62,15 +72,18 @@ class AttitudeGuidance(LeafSystem):
 
     ```
     position (3), m, K; NaN ──►┌──────────────────┐─► reference (4), R_NS as wanted
-    body_attitude (4), R_KS ──►│ AttitudeGuidance │
+    body_attitude (4), R_KS ──►│                  │
+    force (3), N, K ──────────►│ AttitudeGuidance │
+    lost (3), S ──────────────►│                  │
                                └──────────────────┘─► reference_rate (3), rad/s, S as wanted
     ```
 
-    K turns as believed, Rot(z, w_b t). `hold`: S keeps to K's axes; `body`: the boresight goes the
-    shortest way to the body's centre and follows it, with limits on rate and acceleration, and S
+    K turns as believed, Rot(z, w_b t). `hold`: S keeps to K's axes; else the boresight goes the
+    shortest way to what it points at and follows it, with limits on rate and acceleration, and S
     does not turn about it more than it must. It begins with the attitude that it has. The position
-    is as it is known; where it is not (NaN), S stays as it is in K. The reference against K and its
-    rate there are discrete state.
+    is as it is known; where it is not (NaN), or where the force is below 0.1 N, S stays as it is in
+    K. `lost` is a direction in which thrusters can push no more, 0 if there is none: from then on
+    the opposite one follows the commanded force. Only the ports of the mode need be connected. The reference against K and its rate there are discrete state.
     """
 
     def __init__(self, settings: AttitudeGuidanceConfig, believed_spin: float, period: float):
@@ -80,17 +93,19 @@ class AttitudeGuidance(LeafSystem):
         axis = np.array(settings.boresight)
         x, y, z = (axis / np.linalg.norm(axis)).tolist()
         self._boresight = x, y, z
+        self._place = np.array(settings.place_m)
         self._limits = math.radians(settings.slew_deg_s), settings.slew_time_s
         self._position_port = self.DeclareVectorInputPort("position", 3)
         self._attitude_port = self.DeclareVectorInputPort("body_attitude", 4)
+        self._force_port = self.DeclareVectorInputPort("force", 3)
+        self._lost_port = self.DeclareVectorInputPort("lost", 3)
         # R_KS as wanted, 0 before the first step, and the rate at which that changes, in K.
         first = [1.0 if settings.mode == "hold" else 0.0, *np.zeros(6)]
         self._state = self.DeclareDiscreteState(np.array(first))
         depends = {self.xd_ticket(), self.time_ticket(), self._attitude_port.ticket()}
         self.DeclareVectorOutputPort("reference", 4, self._calc_reference, depends)
         self.DeclareVectorOutputPort("reference_rate", 3, self._calc_rate, depends)
-        if settings.mode == "body":
-            self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._turn)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._turn)
 
     def _wanted(self, context) -> tuple[Values, Vector3]:
         state = context.get_discrete_state(self._state).value()
@@ -109,14 +124,31 @@ class AttitudeGuidance(LeafSystem):
         whole = (x, y, z + self.believed_spin)
         output.SetFromVector(rotated(quaternion_inverse((a, b, c, d)), whole))
 
+    def _aim(self, context) -> tuple[Vector, Vector3]:
+        """A direction in S, and the vector (3,) in K along which it should lie; 0: none."""
+        mode, lost, force = self.settings.mode, np.zeros(3), np.zeros(3)
+        if self._lost_port.HasValue(context):
+            lost = self._lost_port.Eval(context)
+        if mode == "thrust" or lost.any():
+            force = self._force_port.Eval(context)
+            if math.hypot(*force.tolist()) < _LEAST_FORCE:
+                force = np.zeros(3)
+        if lost.any():
+            x, y, z = (-lost).tolist()
+            return (x, y, z), force
+        if mode == "body":
+            return self._boresight, self._place - self._position_port.Eval(context)
+        return self._boresight, force
+
     def _turn(self, context, discrete_state):
         attitude, rate = self._wanted(context)
-        position = self._position_port.Eval(context)
+        axis, wanted = self._aim(context)
         a, b, c, d = attitude.tolist()
-        way = np.zeros(3)
-        if np.isfinite(position).all() and position.any():
-            now = np.array(rotated((a, b, c, d), self._boresight))
-            way = shortest_turn(now, -position / np.linalg.norm(position))
+        way, size = np.zeros(3), math.hypot(*wanted.tolist())
+        if 0.0 < size < math.inf:
+            way = shortest_turn(np.array(rotated((a, b, c, d), axis)), wanted / size)
+        elif not rate.any() and self.settings.mode == "hold":
+            return
         x, y, z = (turn := next_turn(way, rate, self.period, *self._limits)).tolist()
         after = quaternion_product(quaternion_of((x, y, z)), (a, b, c, d))
         discrete_state.set_value(self._state, np.concatenate([after, turn / self.period]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +10,8 @@ from pydrake.common.value import AbstractValue
 from pydrake.solvers import ClpSolver, MathematicalProgram
 from pydrake.systems.framework import LeafSystem, ValueProducer
 
-from proxops.systems.attitude.thruster_layout import ThrusterLayout
-from proxops.systems.common import SolverFailure, Values, Vector3, rotation_matrix
+from proxops.systems.attitude.thruster_layout import ThrusterLayout, lost_directions
+from proxops.systems.common import SolverFailure, Values, Vector3, Vectors3, rotation_matrix
 
 # What a missing N m, and a missing share of the force, cost beside a N of thrust: torque comes
 # first, then force, then propellant.
@@ -139,13 +140,15 @@ class ThrusterAllocation(LeafSystem):
     attitude (4), R_KS as believed►│                    │─► on_times (n), s
     torque (3), N m, S ───────────►│ ThrusterAllocation │─► given_force (3), N, K as believed
     thruster_torques (3 n), N m ──►│                    │─► given_torque (3), N m, S
-    failed (n) ───────────────────►└────────────────────┘
+    failed (n) ───────────────────►└────────────────────┘─► lost (3), S
     ```
 
     `thruster_torques` is what each thruster that is on gives, as estimated, and `failed` is 1 of
     those that give nothing; both may remain open: then the data sheet holds. `given_…` is what the
     on-times give in the mean over the period, as far as is known, so that wheels give the rest of
-    the torque and navigation knows the force. What is owed because a pulse was too short is
+    the torque and navigation knows the force. `lost` is the middle of the directions in which the
+    thrusters that are left cannot push, a unit vector, or 0; what is asked for along them is left
+    out, so that the rest of the force is given. What is owed because a pulse was too short is
     discrete state.
     """
 
@@ -175,7 +178,23 @@ class ThrusterAllocation(LeafSystem):
                 lambda context, output, k=k: output.SetFromVector(self._step.Eval(context)[k]),
                 {self._step.ticket()},
             )
+        lost = {self._failed_port.ticket()}
+        self.DeclareVectorOutputPort("lost", 3, self._calc_lost, lost)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+
+    def _lost(self, context) -> Vectors3:
+        """The directions (k, 3) in S in which the thrusters cannot push."""
+        failed = np.zeros(0)
+        if self._failed_port.HasValue(context):
+            failed = self._failed_port.Eval(context)
+        return (
+            lost_directions(self._wrenches * (1.0 - failed)) if failed.any() else np.zeros((0, 3))
+        )
+
+    def _calc_lost(self, context, output):
+        middle = self._lost(context).sum(axis=0)
+        size = math.hypot(*middle.tolist())
+        output.SetFromVector(middle / size if size > 0.0 else middle)
 
     def _calc_step(self, context, value):
         # Forces stay those of the data sheet. An estimate from torques would be a scale that
@@ -187,6 +206,8 @@ class ThrusterAllocation(LeafSystem):
             wrenches *= 1.0 - self._failed_port.Eval(context)
         axes = rotation_matrix(self._attitude_port.Eval(context))
         force = axes.T @ self._force_port.Eval(context)
+        for direction in self._lost(context):
+            force = force - max(float(force @ direction), 0.0) * direction
         found = self._program.solve(force, self._torque_port.Eval(context), wrenches)
         owed = context.get_discrete_state(self._owed).value()
         on, owed = pulses(self.period * found.shares, owed, self.period, self.layout.least_on_time)

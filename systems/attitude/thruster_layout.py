@@ -46,3 +46,15 @@ class ThrusterLayout:
     def wrenches(self) -> np.ndarray:
         """Force (N) and torque (N m) about the centre of mass, of each that is on: (6, n)."""
         return np.vstack([self.directions.T, self.levers.T]) * self.forces
+
+
+def lost_directions(wrenches: np.ndarray) -> Vectors3:
+    """The directions (k, 3) of S, of +x to -z, in which thrusters cannot push without a torque.
+
+    Args: wrenches (6, n) of the thrusters that work; a column of zeros is none.
+    """
+    from scipy.optimize import nnls  # Slow to import, and needed only when one has failed.
+
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    rests = np.array([nnls(wrenches, np.append(axis, np.zeros(3)))[1] for axis in axes])
+    return axes[rests > 1e-6]
