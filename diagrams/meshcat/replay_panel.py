@@ -37,7 +37,7 @@ from proxops.diagrams.scenario import (
     described_bounds,
     differing_values,
     load_spacecraft,
-    spacecraft_solids,
+    solids_of,
     spin_axes,
 )
 from proxops.systems.assurance import InterventionReason
@@ -379,7 +379,7 @@ def _rigid_marks(log: FlightLog, unit: float) -> list[tuple[Rgba, str]]:
     settings = log.scenario.spacecraft
     if not isinstance(settings, RigidBodyConfig):
         return []
-    times = enlargement(spacecraft_solids(load_spacecraft(settings.model)), unit)
+    times = enlargement(solids_of(load_spacecraft(settings.model)), unit)
     field = math.degrees(log.scenario.lidar_geometry.field_of_view)
     seen = f"boresight, and the lidar's field of view, {field:g}°" if field > 0.0 else "boresight"
     return [

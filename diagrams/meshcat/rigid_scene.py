@@ -28,7 +28,7 @@ from proxops.diagrams.scenario import (
     Scenario,
     Solid,
     load_spacecraft,
-    spacecraft_solids,
+    solids_of,
 )
 from proxops.systems.common import Quaternion, Values, Vector3, Vectors3, rotation_matrix
 
@@ -52,7 +52,7 @@ class RigidView:
         assert isinstance(settings, RigidBodyConfig)
         self._scene, self._period = scene, settings.attitude_period_s
         model = load_spacecraft(settings.model)
-        self.thrusters, self._solids = model.thrusters, spacecraft_solids(model)
+        self.thrusters, self._solids = model.thrusters, solids_of(model)
         self._failure = scenario.truth.rigid_body
         boresight = np.array(settings.pointing.boresight)
         self._boresight = boresight / np.linalg.norm(boresight)

@@ -39,7 +39,7 @@ from proxops.diagrams.scenario.spacecraft_model import (
     SpacecraftModel,
     load_spacecraft,
 )
-from proxops.diagrams.scenario.spacecraft_solids import Solid, spacecraft_solids
+from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
 from proxops.diagrams.scenario.transits import (
     Transit,
     UnflyableWorldError,
@@ -141,7 +141,7 @@ __all__ = [
     "parse_scenario",
     "scenario_remarks",
     "scenario_transit",
-    "spacecraft_solids",
+    "solids_of",
     "spin_axes",
     "turns_the_axes",
     "uncertainty_set",

@@ -29,11 +29,20 @@ class Solid:
     """None: the file gives none."""
 
 
-def spacecraft_solids(model: SpacecraftModel) -> list[Solid]:
+def solids_of(model: SpacecraftModel) -> list[Solid]:
     """Gives the visual geometry of a spacecraft's URDF or SDF.
 
-    Where that has none, it is one box with the mass and the inertia of the spacecraft.
+    Where that has none, or names meshes that Drake cannot read, it is one box with the mass and the
+    inertia of the spacecraft: a picture does not end a flight.
     """
+    try:
+        return _visuals(model) or [_equal_box(model)]
+    except RuntimeError:
+        return [_equal_box(model)]
+
+
+def _visuals(model: SpacecraftModel) -> list[Solid]:
+    """The visual geometry of a URDF or SDF. Drake raises `RuntimeError` where it cannot read it."""
     # Slow to import, and only a rigid spacecraft needs it.
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
@@ -60,7 +69,7 @@ def spacecraft_solids(model: SpacecraftModel) -> list[Solid]:
                     look.GetPropertyOrDefault("phong", "diffuse", None),
                 )
             )
-    return solids or [_equal_box(model)]
+    return solids
 
 
 def _equal_box(model: SpacecraftModel) -> Solid:
