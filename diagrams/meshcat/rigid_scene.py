@@ -30,7 +30,7 @@ from proxops.diagrams.scenario import (
     load_spacecraft,
     solids_of,
 )
-from proxops.systems.common import Quaternion, Values, Vector3, Vectors3, rotation_matrix
+from proxops.systems.common import Values, Vector3, Vectors3, rotation_matrix
 
 SIGHT = Rgba(1.00, 1.00, 1.00)
 _FIELD = Rgba(1.00, 1.00, 1.00, 0.08)
@@ -99,8 +99,8 @@ class RigidView:
         ends: typing.Any = corners.T
         meshcat.SetLineSegments(f"{name}/edges", starts, ends, 1.0, SIGHT)
 
-    def rays(self, attitude: Quaternion) -> np.ndarray:
-        """Gives the directions (planes * rays, 3) in K of the lidar's rays, at an attitude R_KS."""
+    def rays(self, attitude: np.ndarray) -> np.ndarray:
+        """Gives the directions (planes * rays, 3) in K of the lidar's rays, at R_KS (4,)."""
         return self._rays @ rotation_matrix(attitude).T
 
     def shares(self, on_times: Vectors3, times: Values) -> Vectors3:
@@ -118,13 +118,13 @@ class RigidView:
     def move(
         self,
         position: Vector3,
-        attitude: Quaternion,
+        attitude: np.ndarray,
         time_in_recording: float | None = None,
     ) -> None:
         """Moves and turns the spacecraft, and lets what looks at the body reach its centre.
 
         Args:
-          position: (3,) in K, in m. attitude: R_KS as a unit quaternion (w, x, y, z).
+          position: (3,) in K, in m. attitude: R_KS (4,) as a unit quaternion (w, x, y, z).
           time_in_recording: time in s in the animation; None: now.
         """
         meshcat = self._scene.meshcat
@@ -158,7 +158,7 @@ def record_flight(view: RigidView, data: xr.Dataset, shown: np.ndarray) -> None:
         view.burn(thruster, 0.0)
         # Between two equal ones a flame needs no key.
         changes = np.flatnonzero(np.diff(burnt))
-        for row in np.unique([0, *changes, *(changes + 1)]):
+        for row in np.unique(np.concatenate([[0], changes, changes + 1])):
             view.burn(thruster, float(burnt[row]), float(shown[row]))
 
 
