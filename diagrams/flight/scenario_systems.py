@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,7 +30,6 @@ from proxops.systems import (
     InputError,
     LearnedLidar,
     Lidar,
-    LidarGeometry,
     LidarNavigation,
     MapError,
     ModelPredictiveController,
@@ -109,7 +107,7 @@ def make_policy(
         latest = _latest(scenario, scenario.mpc.min_horizon_s)
         return GuidancePolicy(policy, around, thrust, beyond_family=beyond, latest=latest)
     return NeuralPolicy(
-        policy, thrust, period, _lidar_geometry(scenario), shape_sha256=body.shape.sha256
+        policy, thrust, period, scenario.lidar_geometry, shape_sha256=body.shape.sha256
     )
 
 
@@ -213,7 +211,7 @@ def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:
     """
     sensor = scenario.lidar
     errors = scenario.truth.lidar.errors(sensor.noise_std_m)
-    geometry, period = _lidar_geometry(scenario), scenario.control_period_s
+    geometry, period = scenario.lidar_geometry, scenario.control_period_s
     if isinstance(sensor, LidarConfig):
         errors = replace(errors, max_incidence=np.radians(sensor.max_incidence_deg))
         return Lidar(shape, errors, geometry, period, seed)
@@ -261,7 +259,7 @@ def make_navigation(scenario: Scenario, body: Body, expected: ExpectedErrors) ->
         spin=body.spin_rate,
         mass=scenario.spacecraft.mass_kg,
         noise_std=max(scenario.lidar.noise_std_m, least_noise),
-        geometry=_lidar_geometry(scenario),
+        geometry=scenario.lidar_geometry,
         expected=expected,
         period=scenario.control_period_s,
         frame_delay=scenario.navigation.frame_delay_steps,
@@ -286,9 +284,3 @@ def _navigation_map(
             f"in K; check navigation.map_unit (now {settings.map_unit})"
         )
     return shape, map_error
-
-
-def _lidar_geometry(scenario: Scenario) -> LidarGeometry:
-    sensor = scenario.lidar
-    field = math.radians(sensor.field_of_view_deg) if isinstance(sensor, LidarConfig) else 0.0
-    return LidarGeometry(sensor.planes, sensor.rays, sensor.max_range_m, field)

@@ -29,7 +29,7 @@ from proxops.diagrams.flight.world import (
     hold_command,
     received,
 )
-from proxops.diagrams.meshcat import LiveView, Scene, prepare_live_view
+from proxops.diagrams.meshcat import LiveView, RigidView, Scene, prepare_live_view
 from proxops.diagrams.scenario import Body, Scenario, TrueBody, World
 from proxops.systems import DelayedHold, InputError, PlanarLidar, RigidSpacecraft
 from proxops.systems.common import offers_of
@@ -226,8 +226,11 @@ def _add_view(
         for name in ("state", "covariance", "return_use"):
             seen[f"navigation_{name}"] = navigation.GetOutputPort(name)
     scene = Scene(meshcat, wiring.world.body, wiring.world.true_body)
-    scenario = wiring.scenario
+    scenario, rigid = wiring.scenario, None
+    if scenario.is_rigid:
+        rigid = RigidView(scene, scenario)
+        seen |= {name: wiring.logged[name] for name in ("attitude", "on_times")}
     limit, period = scenario.spacecraft.thrust_limit_n, scenario.control_period_s
-    view = LiveView(scene, lidar, limit, period, "plan" in seen, with_navigation=navigated)
+    view = LiveView(scene, lidar, limit, period, "plan" in seen, navigated, rigid)
     prepare_live_view(view, wiring.world.transit)
     wiring.add("live_view", view, **seen)

@@ -2,7 +2,7 @@
 
 Start with `write_replay`, which makes a page from a log, or `show_flight`, which draws in a
 notebook. `meshcat_scene` defines the objects of the scene and their places; the other modules add
-views, panels, lidar returns and paths to it.
+views, panels, a rigid spacecraft, lidar returns and paths to it.
 """
 
 from proxops.diagrams.meshcat.live_view import LiveView, prepare_live_view
@@ -12,10 +12,12 @@ from proxops.diagrams.meshcat.movie import write_movie
 from proxops.diagrams.meshcat.notebook_view import show_body, show_flight, show_lidar
 from proxops.diagrams.meshcat.path_scene import paths_page
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
+from proxops.diagrams.meshcat.rigid_scene import RigidView
 
 __all__ = [
     "PLAYBACK_SPEED",
     "LiveView",
+    "RigidView",
     "Scene",
     "add_flight",
     "paths_page",

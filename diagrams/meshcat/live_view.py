@@ -22,6 +22,7 @@ from proxops.diagrams.meshcat.navigation_scene import (
     move_navigation,
     region_of,
 )
+from proxops.diagrams.meshcat.rigid_scene import RigidView
 from proxops.diagrams.scenario import Transit
 from proxops.systems import Plan, PlanarLidar
 
@@ -36,10 +37,13 @@ class LiveView(LeafSystem):
     plan (abstract Plan), if asked ───────►│          │
     navigation_state (6), if asked ───────►│          │
     navigation_covariance (81), if asked ─►│          │
-    navigation_return_use, if asked ──────►└──────────┘
+    navigation_return_use, if asked ──────►│          │
+    attitude (4), if rigid ───────────────►│          │
+    on_times (n), s, if rigid ────────────►└──────────┘
     ```
 
-    The force is drawn along the axes of K, which S holds to within its attitude error. Errors of
+    The force of a point is drawn along the axes of K, which S holds to within its attitude error;
+    a rigid spacecraft is drawn turned, with the flames of its thrusters. Errors of
     the navigation are enlarged, by a factor that keeps its ellipsoid of three standard deviations
     at about the same size.
     """
@@ -52,6 +56,7 @@ class LiveView(LeafSystem):
         period: float,
         with_plan: bool = False,
         with_navigation: bool = False,
+        rigid: RigidView | None = None,
     ):
         """Declares the input ports.
 
@@ -62,11 +67,12 @@ class LiveView(LeafSystem):
           period: time in s from one picture to the next.
           with_plan: whether there is an input port `plan`, whose path is drawn.
           with_navigation: whether there are input ports of what the navigation knows.
+          rigid: the picture of the rigid spacecraft, which has more input ports; None: a point.
         """
         super().__init__()
         self.scene, self._thrust_limit = scene, thrust_limit
         geometry = lidar.geometry
-        self._shape = (geometry.planes, geometry.rays)
+        self._shape, self._rays = (geometry.planes, geometry.rays), geometry.directions
         self._position_port = self.DeclareVectorInputPort(name="position", size=3)
         self._force_port = self.DeclareVectorInputPort(name="force", size=3)
         self._ranges_port = self.DeclareVectorInputPort(name="ranges", size=geometry.size)
@@ -81,13 +87,27 @@ class LiveView(LeafSystem):
                 self.DeclareVectorInputPort(name="navigation_covariance", size=81),
                 self.DeclareVectorInputPort(name="navigation_return_use", size=geometry.size),
             ]
+        self.rigid = rigid
+        if rigid is not None:
+            self._attitude_port = self.DeclareVectorInputPort(name="attitude", size=4)
+            n = rigid.thrusters.count
+            self._times_port = self.DeclareVectorInputPort(name="on_times", size=n)
         self.DeclarePeriodicPublishEvent(period_sec=period, offset_sec=0.0, publish=self._draw)
 
     def _draw(self, context) -> None:
         position = self._position_port.Eval(context)
-        force = self._force_port.Eval(context)
         ranges = self._ranges_port.Eval(context).reshape(self._shape)
-        move_spacecraft(self.scene, position, force, self._thrust_limit)
+        rays = self._rays
+        if self.rigid is None:
+            force = self._force_port.Eval(context)
+            move_spacecraft(self.scene, position, force, self._thrust_limit)
+        else:
+            attitude = self._attitude_port.Eval(context)
+            rays = self.rigid.rays(attitude)
+            self.rigid.move(position, attitude)
+            on_times, time = self._times_port.Eval(context), np.array([context.get_time()])
+            for thruster, share in enumerate(self.rigid.shares(on_times[None], time)[0]):
+                self.rigid.burn(thruster, float(share))
         if self._plan_port is not None:
             # Publish events run before the updates of the same time. So this is the plan that the
             # controller will store; it is cached, and not solved again.
@@ -99,7 +119,7 @@ class LiveView(LeafSystem):
             block = covariance.reshape(9, 9)[:3, :3]
             region = region_of((state[:3] - position)[None], block[None])
             move_navigation(self.scene, position, region, 0, exaggeration(region, self.scene.unit))
-        add_returns(self.scene, "/lidar/now", position, ranges, use)
+        add_returns(self.scene, "/lidar/now", position, ranges, rays, use)
 
 
 def prepare_live_view(view: LiveView, transit: Transit) -> None:
@@ -107,9 +127,12 @@ def prepare_live_view(view: LiveView, transit: Transit) -> None:
     scene = view.scene
     prepare_scene(scene)
     add_goal(scene, transit.goal)
-    add_spacecraft(scene)
-    for leftover in ("/lidar", "/navigation"):  # Of an earlier flight.
+    for leftover in ("/lidar", "/navigation", "/spacecraft"):  # Of an earlier flight.
         scene.meshcat.Delete(leftover)
+    if view.rigid is None:
+        add_spacecraft(scene)
+    else:
+        view.rigid.add()
     if view.HasInputPort("navigation_state"):
         add_navigation(scene)
     look_at_flight(scene, np.stack([transit.start, transit.goal]))

@@ -19,7 +19,6 @@ from pydrake.perception import PointCloud
 
 from proxops.diagrams.scenario import Body, TrueBody, spin_axes
 from proxops.systems.common import Vector3, Vectors3, directions_of
-from proxops.systems.lidar import ray_directions
 from proxops.systems.navigation import ReturnUse
 
 _BODY = Rgba(0.62, 0.57, 0.51)
@@ -27,7 +26,7 @@ _KEEP_OUT = Rgba(0.35, 0.55, 0.95, 0.12)
 # Meshcat ignores the alpha of lines, so these lines are dark instead of translucent.
 _GRATICULE = Rgba(0.16, 0.23, 0.40)
 GOAL = Rgba(0.30, 1.00, 0.45)
-_HULL = Rgba(0.92, 0.92, 0.95)
+HULL = Rgba(0.92, 0.92, 0.95)
 _PANELS = Rgba(0.20, 0.32, 0.75)
 THRUST = Rgba(1.00, 0.85, 0.20)
 RETURNS = Rgba(1.00, 0.10, 0.30)
@@ -50,6 +49,9 @@ _BEHIND = 2000.0
 
 FIELD_OF_VIEW = 40.0
 """Vertical field of view of the camera, in degrees."""
+
+SPACECRAFT_SIZE = 0.145
+"""Greatest extent of the spacecraft in Meshcat units."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +179,7 @@ def add_bars(scene: Scene, name: str, width: float, length: float, colour: Rgba)
 def add_spacecraft(scene: Scene) -> None:
     """Adds a hull with two panels and an arrow of thrust along each axis; see `move_spacecraft`."""
     meshcat = scene.meshcat
-    meshcat.SetObject("/spacecraft/hull", Box(0.030, 0.030, 0.030), _HULL)
+    meshcat.SetObject("/spacecraft/hull", Box(0.030, 0.030, 0.030), HULL)
     for side in (-1.0, 1.0):
         name = f"/spacecraft/panel_{'left' if side < 0 else 'right'}"
         meshcat.SetObject(name, Box(0.022, 0.055, 0.003), _PANELS)
@@ -185,17 +187,22 @@ def add_spacecraft(scene: Scene) -> None:
         meshcat.SetTransform(name, RigidTransform(beside))
     # The arrow along x is a surface of revolution; cyclic permutation gives the other two.
     along = _ARROW_LENGTH * np.array([0.0, 0.0, 0.72, 0.72, 1.0])
-    out = np.array([0.0, 0.005, 0.005, 0.016, 0.0])
-    turn = np.linspace(0.0, 2.0 * np.pi, 13)
-    points = np.stack(
-        np.broadcast_arrays(
-            along[:, None], np.outer(out, np.cos(turn)), np.outer(out, np.sin(turn))
-        ),
-        axis=-1,
-    ).reshape(-1, 3)
+    points, facets = revolved(along, np.array([0.0, 0.005, 0.005, 0.016, 0.0]))
     for axis, letter in enumerate("xyz"):
         rolled = np.roll(points, axis, axis=1)
-        set_mesh(meshcat, f"/spacecraft/thrust_{letter}", rolled, grid_facets(5, 13), THRUST)
+        set_mesh(meshcat, f"/spacecraft/thrust_{letter}", rolled, facets, THRUST)
+
+
+def revolved(along: np.ndarray, out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Turns a line about x: points (13 N, 3) and facets (F, 3) of the surface.
+
+    Args:
+      along: (N,) along x. out: (N,) distances from x.
+    """
+    turn = np.linspace(0.0, 2.0 * np.pi, 13)
+    rings = along[:, None], np.outer(out, np.cos(turn)), np.outer(out, np.sin(turn))
+    points = np.stack(np.broadcast_arrays(*rings), axis=-1).reshape(-1, 3)
+    return points, grid_facets(len(along), len(turn))
 
 
 def move_spacecraft(
@@ -233,6 +240,7 @@ def add_returns(
     name: str,
     position: Vector3,
     ranges: np.ndarray,
+    directions: np.ndarray,
     use: np.ndarray | None = None,
 ) -> None:
     """Adds the returns of a lidar frame as points.
@@ -242,12 +250,12 @@ def add_returns(
       name: path of the points in the Meshcat.
       position: position (3,) of the spacecraft in K, in m.
       ranges: (planes, rays) in m; +inf for a ray without a return.
+      directions: (planes * rays, 3) of the rays in K.
       use: (planes, rays) `ReturnUse`, which gives their colours; None: all have the same.
     """
-    planes, rays = ranges.shape
     flat = ranges.reshape(-1)
     hit = np.isfinite(flat)
-    places = position + flat[hit, None] * ray_directions(planes, rays)[hit]
+    places = position + flat[hit, None] * directions[hit]
     if use is None:
         _add_points(scene, name, places, RETURNS, _POINT_SIZE)
         return

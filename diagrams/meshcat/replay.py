@@ -37,6 +37,7 @@ from proxops.diagrams.meshcat.navigation_scene import (
     return_uses,
 )
 from proxops.diagrams.meshcat.replay_panel import panel
+from proxops.diagrams.meshcat.rigid_scene import RigidView, record_flight
 from proxops.systems.common import Vectors3, write_whole
 
 # Greatest number of lidar frames that a replay shows.
@@ -75,29 +76,28 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     data = log.dataset
     times, positions = data["time"].values, data["state"].values[:, :3]
     goal = data["target"].values[-1, :3]
-    limit = log.scenario.spacecraft.thrust_limit_n
     # An earlier flight or the live view left them.
-    for leftover in ("/path", "/lidar", "/plan", "/navigation"):
+    for leftover in ("/path", "/lidar", "/plan", "/navigation", "/spacecraft"):
         meshcat.Delete(leftover)
     scene = Scene(meshcat, log.body, log.differing_body)
     prepare_scene(scene)
     add_goal(scene, goal)
-    add_spacecraft(scene)
+    rigid = RigidView(scene, log.scenario) if log.scenario.is_rigid else None
     legend = legend_of(data)
     colours = [legend[who].colour for who in flown_by(data).tolist()]
     pieces = add_path(scene, positions, colours)
-    frames = _add_returns(scene, data) if "ranges" in data else []
+    frames = _add_returns(scene, log, rigid) if "ranges" in data else []
     look_at_flight(scene, _shown(log))
 
     # A page that does not play shows the end of the flight.
-    move_spacecraft(scene, positions[-1], np.zeros(3), limit)
     for name, _ in frames[:-1]:
         meshcat.SetProperty(name, "visible", False)
     meshcat.StartRecording(FRAMES_PER_SECOND, set_visualizations_while_recording=False)
     shown = (times - times[0]) / PLAYBACK_SPEED
-    for row, time in enumerate(shown):
-        force = np.nan_to_num(data["force"].values[row])
-        move_spacecraft(scene, positions[row], force, limit, float(time))
+    if rigid is None:
+        _record_point(scene, log, shown)
+    else:
+        record_flight(rigid, data, shown)
     for name, row in pieces:
         meshcat.SetProperty(name, "visible", False, 0.0)
         meshcat.SetProperty(name, "visible", True, float(shown[row]))
@@ -110,6 +110,17 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     if "navigation_state" in data:
         _record_navigation(scene, data, shown)
     meshcat.PublishRecording()
+
+
+def _record_point(scene: Scene, log: FlightLog, shown: np.ndarray) -> None:
+    """Adds a spacecraft that is a point, and records its motion at the times shown (N,) in s."""
+    positions, forces = log.dataset["state"].values[:, :3], log.dataset["force"].values
+    limit = log.scenario.spacecraft.thrust_limit_n
+    add_spacecraft(scene)
+    move_spacecraft(scene, positions[-1], np.zeros(3), limit)
+    for row, time in enumerate(shown):
+        force = np.nan_to_num(forces[row])
+        move_spacecraft(scene, positions[row], force, limit, float(time))
 
 
 def _record_navigation(scene: Scene, data: xr.Dataset, shown: np.ndarray) -> None:
@@ -166,14 +177,18 @@ def _shown(log: FlightLog) -> np.ndarray:
     return np.vstack([data["state"].values[:, :3], data["target"].values[-1, :3]])
 
 
-def _add_returns(scene: Scene, data: xr.Dataset) -> list[tuple[str, int]]:
-    """Adds evenly spaced lidar frames of a log's dataset; gives the name and row of each."""
+def _add_returns(scene: Scene, log: FlightLog, rigid: RigidView | None) -> list[tuple[str, int]]:
+    """Adds evenly spaced lidar frames of a log; gives the name and row of each."""
+    data, rays = log.dataset, log.scenario.lidar_geometry.directions
     ranges, positions = data["ranges"].values, data["state"].values[:, :3]
     uses = return_uses(data)
     frames = []
     for row in np.unique(np.linspace(0, len(ranges) - 1, LIDAR_FRAMES).astype(int)):
         name = f"/lidar/row_{row:04d}"
-        add_returns(scene, name, positions[row], ranges[row], None if uses is None else uses[row])
+        if rigid is not None:
+            rays = rigid.rays(data["attitude"].values[row])
+        use = None if uses is None else uses[row]
+        add_returns(scene, name, positions[row], ranges[row], rays, use)
         frames.append((name, int(row)))
     return frames
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import itertools
 import json
+import math
 import re
 from typing import Any
 
@@ -17,6 +18,7 @@ from proxops.diagrams.meshcat.meshcat_page import PLAYBACK_SPEED
 from proxops.diagrams.meshcat.meshcat_scene import (
     BELIEVED_AXIS,
     GOAL,
+    HULL,
     MAP,
     RETURN_USES,
     RETURNS,
@@ -29,7 +31,15 @@ from proxops.diagrams.meshcat.navigation_scene import (
     navigation_region,
     return_uses,
 )
-from proxops.diagrams.scenario import described_bounds, differing_values, spin_axes
+from proxops.diagrams.meshcat.rigid_scene import SIGHT, enlargement
+from proxops.diagrams.scenario import (
+    RigidBodyConfig,
+    described_bounds,
+    differing_values,
+    load_spacecraft,
+    solids_of,
+    spin_axes,
+)
 from proxops.systems.assurance import InterventionReason
 from proxops.systems.navigation import NavigationPhase, ReturnUse
 from proxops.systems.shapes import clearances
@@ -199,7 +209,8 @@ def panel(log: FlightLog, title: str, views: dict[str, View], unit: float) -> st
     known = legend_of(log.dataset)
     shown = all_flown_by(log.dataset) or flown_by(log.dataset)[:1].tolist()
     entries = [(known[who].colour, f"flown by {known[who].name}") for who in shown]
-    marks = [(THRUST, "thrust"), *_return_marks(log), (GOAL, "goal"), *_true_marks(log)]
+    thrust = _rigid_marks(log, unit) or [(THRUST, "thrust")]
+    marks = [*thrust, *_return_marks(log), (GOAL, "goal"), *_true_marks(log)]
     navigated = "navigation_state" in log.dataset
     if navigated:
         times = exaggeration(navigation_region(log.dataset), unit)
@@ -361,6 +372,21 @@ def _return_marks(log: FlightLog) -> list[tuple[Rgba, str]]:
         ReturnUse.NOT_USED: "left alone",
     }
     return [(RETURN_USES[use], text) for use, text in texts.items()]
+
+
+def _rigid_marks(log: FlightLog, unit: float) -> list[tuple[Rgba, str]]:
+    """Gives the legend of a rigid spacecraft; [] for a point."""
+    settings = log.scenario.spacecraft
+    if not isinstance(settings, RigidBodyConfig):
+        return []
+    times = enlargement(solids_of(load_spacecraft(settings.model)), unit)
+    field = math.degrees(log.scenario.lidar_geometry.field_of_view)
+    seen = f"boresight, and the lidar's field of view, {field:g}°" if field > 0.0 else "boresight"
+    return [
+        (HULL, f"spacecraft × {times:,.0f}"),
+        (THRUST, "thruster flames by on-time"),
+        (SIGHT, seen),
+    ]
 
 
 def _true_marks(log: FlightLog) -> list[tuple[Rgba, str]]:

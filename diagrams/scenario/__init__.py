@@ -39,6 +39,7 @@ from proxops.diagrams.scenario.spacecraft_model import (
     SpacecraftModel,
     load_spacecraft,
 )
+from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
 from proxops.diagrams.scenario.transits import (
     Transit,
     UnflyableWorldError,
@@ -97,6 +98,7 @@ __all__ = [
     "RandomWalkDisturbanceConfig",
     "RigidBodyConfig",
     "Scenario",
+    "Solid",
     "SpacecraftModel",
     "Transit",
     "TransitConfig",
@@ -139,6 +141,7 @@ __all__ = [
     "parse_scenario",
     "scenario_remarks",
     "scenario_transit",
+    "solids_of",
     "spin_axes",
     "turns_the_axes",
     "uncertainty_set",

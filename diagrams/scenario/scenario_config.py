@@ -6,6 +6,7 @@ differs from what is believed; with the defaults, it is as believed.
 """
 
 import dataclasses as dc
+import math
 from collections.abc import Iterator, Mapping
 
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig
@@ -14,7 +15,7 @@ from proxops.systems.attitude import TrueRigidBodyConfig
 from proxops.systems.common import FAR, config, html_table, number, one_of, vector
 from proxops.systems.expert import MpcConfig
 from proxops.systems.hybrid import HybridConfig
-from proxops.systems.lidar import LearnedLidarConfig, LidarConfig, TrueLidarConfig
+from proxops.systems.lidar import LearnedLidarConfig, LidarConfig, LidarGeometry, TrueLidarConfig
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.policy import PolicyConfig
 from proxops.systems.vehicle import (
@@ -164,6 +165,13 @@ class Scenario:
     def is_rigid(self) -> bool:
         """Whether the spacecraft is a rigid body, not a point."""
         return isinstance(self.spacecraft, RigidBodyConfig)
+
+    @property
+    def lidar_geometry(self) -> LidarGeometry:
+        """Where the lidar's rays point, and how far they reach."""
+        sensor = self.lidar
+        field = math.radians(sensor.field_of_view_deg) if isinstance(sensor, LidarConfig) else 0.0
+        return LidarGeometry(sensor.planes, sensor.rays, sensor.max_range_m, field)
 
     @property
     def true_specific_impulse_s(self) -> float | None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from known_navigation import ACQUIRING, AXES, DEVIATIONS, ERROR, navigated_log
+from meshcat_pages import doubles, pose
 from pydrake.geometry import Meshcat
 from scipy.spatial.transform import Rotation
 
@@ -70,16 +71,3 @@ def test_spacecraft_inside_the_region_is_drawn_inside(log: FlightLog, meshcat: M
         factor = min(1.0, 0.4 / (region.semi_axes[50].max() * times / UNIT))
         np.testing.assert_allclose(drawn, factor * times * region.semi_axes[50] / UNIT)
         assert np.sum((away / drawn) ** 2) == pytest.approx(inside, rel=1e-4)
-
-
-def doubles(packed: bytes, name: bytes, count: int) -> np.ndarray:
-    """The numbers of an array in MessagePack: each is float64 after a byte of its own."""
-    at = packed.index(b"\xcb", packed.index(name))
-    return np.array(
-        [np.frombuffer(packed[k + 1 : k + 9], ">f8")[0] for k in at + 9 * np.arange(count)]
-    )
-
-
-def pose(meshcat: Meshcat, name: str) -> np.ndarray:
-    """The transform (4, 4) of a path."""
-    return doubles(meshcat._GetPackedTransform(name), b"matrix", 16).reshape(4, 4).T

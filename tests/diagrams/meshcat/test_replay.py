@@ -139,7 +139,8 @@ def test_tube_lies_about_its_points() -> None:
 def test_returns_lie_on_the_body(log: FlightLog, scene: Scene) -> None:
     row = 100
     frame = log.dataset["ranges"].values[row]
-    add_returns(scene, "/returns", log.dataset["state"].values[row, :3], frame)
+    rays = log.scenario.lidar_geometry.directions
+    add_returns(scene, "/returns", log.dataset["state"].values[row, :3], frame, rays)
     points = points_told(scene.meshcat, "/returns") * 100e3
     assert len(points) == np.isfinite(frame).sum() > 0
     depth = np.einsum(
