@@ -21,6 +21,7 @@ from proxops.diagrams.scenario.distributions import Fixed, Uniform
 from proxops.diagrams.scenario.keys import differing_values, value_at
 from proxops.diagrams.scenario.quantities import QUANTITIES, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
+from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
 from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path, load_typed, read_mapping
 from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.common import InputError, check_limits, spread_directions, values_in_words
@@ -228,6 +229,12 @@ def _direction(dispersions: Dispersions) -> float:
     axes += _DEVIATIONS * end("truth.attitude.varying_std_deg")
     axes += _DEVIATIONS * end("truth.rigid_body.thruster_direction_std_deg")
     angle = math.sqrt(3.0) * axes
+    if isinstance(craft := scenario.spacecraft, RigidBodyConfig):
+        tracker = load_spacecraft(craft.model).config.star_tracker
+        angle += math.sqrt(3.0) * _DEVIATIONS * tracker.noise_deg
+        if craft.pointing.mode != "hold":
+            # A pulse goes where S has been turned to at its end.
+            angle += craft.pointing.slew_deg_s * craft.attitude_period_s
     if isinstance(scenario.navigation, LidarNavigationConfig):
         return angle
     longest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
@@ -251,6 +258,11 @@ def _acceleration(dispersions: Dispersions) -> float:
     craft, period = dispersions.scenario.spacecraft, dispersions.scenario.control_period_s
     forces = end("truth.thrusters.least_impulse_n_s") / period
     forces += 0.5 * end("truth.thrusters.quantum_n") + _DEVIATIONS * end("force_noise.std_n")
+    if isinstance(craft, RigidBodyConfig):
+        layout = load_spacecraft(craft.model).thrusters
+        # Each may owe a pulse that is too short to be given.
+        along = np.abs(layout.directions) * layout.forces[:, None]
+        forces += float(along.sum(axis=0).max()) * layout.least_on_time / period
     pushes = end("truth.acceleration.constant_m_s2")
     pushes += _DEVIATIONS * end("truth.acceleration.varying_std_m_s2")
     pushes += _DEVIATIONS * end("kicks.velocity_std_m_s") / period

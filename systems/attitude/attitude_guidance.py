@@ -83,7 +83,8 @@ class AttitudeGuidance(LeafSystem):
     does not turn about it more than it must. It begins with the attitude that it has. The position
     is as it is known; where it is not (NaN), or where the force is below 0.1 N, S stays as it is in
     K. `lost` is a direction in which thrusters can push no more, 0 if there is none: from then on
-    the opposite one follows the commanded force. Only the ports of the mode need be connected. The reference against K and its rate there are discrete state.
+    the opposite one follows the commanded force. Only the ports of the mode need be connected. The
+    reference against K and its rate there are discrete state.
     """
 
     def __init__(self, settings: AttitudeGuidanceConfig, believed_spin: float, period: float):
