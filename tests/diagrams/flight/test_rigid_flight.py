@@ -1,9 +1,11 @@
 """Flights of a rigid spacecraft: as a point's where they must be, and who is told what."""
 
 import dataclasses as dc
+from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import LeafSystem
 from short_flights import SHORT, flown_and_taken_up
 
 from proxops.diagrams.flight import fly
@@ -11,6 +13,7 @@ from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import RigidBodyConfig, Scenario, load_scenario, load_spacecraft
 from proxops.systems.attitude import pointing_error
+from proxops.systems.common import InputError
 from proxops.systems.vehicle import STANDARD_GRAVITY
 
 # Errors of everything that a rigid spacecraft has, and of all else, are drawn and declared.
@@ -104,15 +107,56 @@ def test_without_thrust_it_falls_as_a_point_does():
 
 
 def test_a_thruster_that_fails_is_found_and_flown_without():
-    log = fly(
-        rigid(
-            "smallsat_16",
-            truth__rigid_body__failed_thruster=5,
-            truth__rigid_body__failure_time_s=50.0,
-        )
-    )
+    failure = {
+        "truth__rigid_body__failed_thruster": 2,
+        "truth__rigid_body__failure_time_s": 50.0,
+    }
+    log = fly(rigid("smallsat", **failure))
     assert log.summary["success"]
-    assert np.flatnonzero(log.dataset["failed_thrusters"].values[-1]).tolist() == [5]
+    assert np.flatnonzero(log.dataset["failed_thrusters"].values[-1]).tolist() == [2]
+    assert log.summary["lost_directions"] == ["-x"]
+    # It turned, so that nobody asks for that.
+    turned = log.dataset["reference_attitude"].values
+    assert np.degrees(pointing_error(turned[-1], turned[0])) > 20.0
+
+
+class Tumble(LeafSystem):
+    """A law of attitude guidance of one's own: turns about x at a rate in rad/s."""
+
+    def __init__(self, rate: float, size: int = 4):
+        super().__init__()
+        self.rate = rate
+        self.DeclareVectorOutputPort("reference", size, self._calc_reference)
+        self.DeclareVectorOutputPort("reference_rate", 3, self._calc_rate)
+
+    def _calc_reference(self, context, output):
+        half = 0.5 * self.rate * context.get_time()
+        output.SetFromVector([np.cos(half), np.sin(half), 0.0, 0.0])
+
+    def _calc_rate(self, context, output):
+        output.SetFromVector([self.rate, 0.0, 0.0])
+
+
+def test_a_law_of_ones_own_turns_the_spacecraft(tmp_path, monkeypatch):
+    law = Path(__file__).stem
+    monkeypatch.chdir(Path(__file__).parent)
+    brief = rigid(arrival__deadline_s=100.0, arrival__dwell_s=50.0)
+    brief.spacecraft.pointing.law = f"{law}:tumbling"
+    log = fly(brief, "zero")
+    assert pointing_errors(log)[5:].max() < 0.1
+    turned = pointing_error(*log.dataset["inertial_attitude"].values[[0, -1]])
+    assert np.degrees(turned) == pytest.approx(np.degrees(2e-3) * log.dataset["time"][-1], abs=1.0)
+    brief.spacecraft.pointing.law = f"{law}:wrong"
+    with pytest.raises(InputError, match="'reference' of 4 numbers"):
+        fly(brief, "zero")
+
+
+def tumbling(scenario, body) -> Tumble:
+    return Tumble(2e-3)
+
+
+def wrong(scenario, body) -> Tumble:
+    return Tumble(2e-3, 3)
 
 
 # What may know how the spacecraft truly moves and turns: the world, its sensors, and the log.

@@ -119,7 +119,7 @@ def test_friction_slows_wheels_and_full_speed_stops_their_motors():
     np.testing.assert_allclose(found, [0.1 - 1e-3, -4e-3, -0.1 - 4e-3])
 
 
-def slewed(settings_, positions, spin=3e-4):
+def slewed(settings_, positions, spin=3e-4, **told):
     """References and rates of a guidance that is told positions, a second apart."""
     guidance = AttitudeGuidance(settings_, spin, 1.0)
     context = guidance.CreateDefaultContext()
@@ -128,12 +128,13 @@ def slewed(settings_, positions, spin=3e-4):
         guidance.GetInputPort("position").FixValue(context, position)
         # It begins as it is turned.
         guidance.GetInputPort("body_attitude").FixValue(context, [1.0, 0.0, 0.0, 0.0])
+        for name, value in told.items():
+            guidance.GetInputPort(name).FixValue(context, value)
         yield (
             guidance.GetOutputPort("reference").Eval(context),
             guidance.GetOutputPort("reference_rate").Eval(context),
         )
-        if settings_.mode == "body":
-            context.SetDiscreteState(guidance.EvalUniquePeriodicDiscreteUpdate(context))
+        context.SetDiscreteState(guidance.EvalUniquePeriodicDiscreteUpdate(context))
 
 
 def test_holding_keeps_to_the_body_as_it_is_believed_to_turn():
@@ -168,6 +169,24 @@ def test_pointing_slews_to_the_body_within_limits_and_follows_it(place):
     for k in range(1, 899):
         a, b = (Rotation.from_quat(found[j][0], scalar_first=True) for j in (k - 1, k))
         np.testing.assert_allclose((a.inv() * b).as_rotvec(), found[k][1], atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("mode", "told", "axis", "along"),
+    [
+        ("thrust", {"force": [1.0, 2.0, -2.0]}, [0.0, 0.0, 1.0], [1.0, 2.0, -2.0]),
+        ("thrust", {"force": [0.05, 0.05, 0.0]}, [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]),
+        # Whatever the mode, what cannot be pushed is turned away from where pushing is wanted.
+        ("hold", {"force": [1.0, 2.0, -2.0], "lost": [1.0, 0.0, 0.0]}, [-1, 0, 0], [1, 2, -2]),
+        ("hold", {"force": [1.0, 2.0, -2.0], "lost": [0.0, 0.0, 0.0]}, [0, 0, 1], [0, 0, 1]),
+        ("body", {}, [0.0, 0.0, 1.0], [-1e5, 0.0, 2e4]),
+    ],
+)
+def test_a_direction_of_the_spacecraft_comes_to_lie_along_what_is_wanted(mode, told, axis, along):
+    limits = AttitudeGuidanceConfig(mode=mode, place_m=[0.0, 0.0, 2e4], slew_deg_s=0.5)
+    *_, (reference, _) = slewed(limits, [np.array([1e5, 0.0, 0.0])] * 600, spin=0.0, **told)
+    found = Rotation.from_quat(reference, scalar_first=True).apply(axis)
+    np.testing.assert_allclose(found, np.array(along) / np.linalg.norm(along), atol=1e-6)
 
 
 def test_pointing_stays_where_the_position_is_not_known():

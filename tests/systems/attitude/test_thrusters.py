@@ -16,6 +16,7 @@ from proxops.systems.attitude import (
     ThrusterCluster,
     ThrusterLayout,
     TrueRigidBodyConfig,
+    lost_directions,
     true_layout,
 )
 from proxops.systems.attitude.thruster_allocation import pulses
@@ -42,6 +43,24 @@ def test_an_allocation_takes_the_least_propellant_as_scipy_finds_it(layout):
         assert layout.forces @ (shares - shares.min()) > 1.2 * other.fun
 
 
+@pytest.mark.parametrize("layout", [TWELVE, SIXTEEN], ids=["12", "16"])
+def test_what_follows_from_the_basis_before_is_what_the_solver_finds(layout):
+    rng = np.random.default_rng(5)
+    program, wrenches = AllocationProgram(layout), layout.wrenches()
+    force, torque, basis, kept = np.array([1.0, -2.0, 0.5]), np.zeros(3), None, 0
+    for _ in range(200):
+        force = force + rng.normal(scale=0.3, size=3)
+        torque = 0.9 * torque + rng.normal(scale=0.01, size=3)
+        found = program.solve(force, torque, wrenches, basis)
+        fresh = program.solve(force, torque, wrenches)
+        assert layout.forces @ found.shares == pytest.approx(layout.forces @ fresh.shares, abs=1e-4)
+        assert found.force == pytest.approx(fresh.force, abs=1e-5)
+        kept += found.basis is basis
+        basis = found.basis
+    assert kept > 100
+    assert not program.solve(np.zeros(3), np.zeros(3), wrenches, basis).shares.any()
+
+
 def test_where_a_force_cannot_be_given_torque_and_direction_stay():
     program, wrenches = AllocationProgram(TWELVE), TWELVE.wrenches()
     force, torque = np.array([30.0, 15.0, 0.0]), np.array([0.2, -0.1, 0.3])
@@ -66,6 +85,31 @@ def test_sixteen_thrusters_give_every_wrench_without_any_one(lost):
             wrenches @ found.shares, np.tile(axis, 2) * np.repeat([3, 0.5], 3), atol=1e-9
         )
         assert found.shares[lost] == 0.0
+
+
+def test_a_thruster_that_fails_takes_a_direction_along_and_the_rest_of_the_force_is_given():
+    wrenches = TWELVE.wrenches()
+    for failed, name in ((0, [1, 0, 0]), (3, [-1, 0, 0]), (6, [0, -1, 0])):
+        left = wrenches.copy()
+        left[:, failed] = 0.0
+        np.testing.assert_array_equal(lost_directions(left), [name])
+        # As linprog finds it: no force along it without a torque.
+        axis = np.append(name, np.zeros(3))
+        assert linprog(np.ones(12), A_eq=left, b_eq=axis, bounds=(0.0, 1.0)).status == 2
+    assert not lost_directions(wrenches).size
+    assert not any(lost_directions(np.delete(SIXTEEN.wrenches(), k, 1)).size for k in range(16))
+    system = ThrusterAllocation(TWELVE, 1.0)
+    context = system.CreateDefaultContext()
+    failed = np.zeros(12)
+    failed[0] = 1.0
+    for port, value in (
+        ("force", [2.0, -1.0, 3.0]), ("attitude", [1.0, 0.0, 0.0, 0.0]),
+        ("torque", np.zeros(3)), ("failed", failed),
+    ):  # fmt: skip
+        system.GetInputPort(port).FixValue(context, value)
+    given_force = system.GetOutputPort("given_force").Eval(context)
+    np.testing.assert_allclose(given_force, [0.0, -1.0, 3.0], atol=1e-9)
+    np.testing.assert_array_equal(system.GetOutputPort("lost").Eval(context), [1.0, 0.0, 0.0])
 
 
 @settings(max_examples=50)
