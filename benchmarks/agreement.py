@@ -4,7 +4,8 @@
 - `lidar`: against trimesh, by its own rays and by Embree;
 - `field`: the second-degree harmonics of Kleopatra's field, fitted far outside, against the moments
   of its volume, and its equilibria against published ones;
-- `motion`: 24 hours about bodies by proxops, by Basilisk, and by an integration of its own.
+- `motion`: 24 hours about bodies by proxops, by Basilisk, and by an integration of its own;
+- `attitude`: an hour of a rigid spacecraft with wheels and thrusters, by proxops and by Basilisk.
 
 For `motion`, free and under a force that changes at random every ten minutes, from a circular orbit
 as wide as three half lengths of the body:
@@ -31,6 +32,7 @@ import numpy as np
 import trimesh
 from _bodies import GENERATED, KLEOPATRA, scenario_at
 from _peers import basilisk_model, esa_model
+from _rigid_agreement import STEP, by_proxops, commands, rigid_by_basilisk
 from pydrake.systems.framework import LeafSystem
 from rich.console import Console
 from rich.progress import track
@@ -41,7 +43,14 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector as EmbreeRays
 from trimesh.ray.ray_triangle import RayMeshIntersector as TrimeshRays
 
 from proxops.diagrams.flight import fly
-from proxops.diagrams.scenario import Body, Scenario, TrueStateConfig, change_scenario, load_body
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    TrueStateConfig,
+    change_scenario,
+    load_body,
+    load_spacecraft,
+)
 from proxops.systems import GravityField, Polyhedron, ray_directions
 from proxops.systems.common import generator
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, find_equilibria
@@ -399,7 +408,26 @@ def motion(arguments: argparse.Namespace) -> None:
     Console().print(table)
 
 
-SECTIONS = {each.__name__: each for each in (gravity, lidar, field, motion)}
+def attitude(arguments: argparse.Namespace) -> None:
+    table = Table(title=f"apart after 1 h, in steps of {STEP:g} s", title_justify="left")
+    for heading in ("", "position (m)", "attitude (rad)", "rates (rad/s)", "wheels (N m s)"):
+        table.add_column(heading, justify="right" if heading else "left")
+    for name in ("smallsat", "smallsat_16"):
+        model = load_spacecraft(name)
+        on, motors = commands(model, 3600)
+        for kind, times in (("wheels", 0.0 * on), ("wheels and thrusters", on)):
+            mine, theirs = by_proxops(model, times, motors), rigid_by_basilisk(model, times, motors)
+            turned = (mine.attitude.inv() * theirs.attitude).magnitude()
+            apart = [
+                np.abs(getattr(mine, part) - getattr(theirs, part)).max()
+                for part in ("position", "rate", "wheels")
+            ]
+            cells = (f"{value:.1e}" for value in (apart[0], turned, *apart[1:]))
+            table.add_row(f"{name}, {kind}", *cells)
+    Console().print(table)
+
+
+SECTIONS = {each.__name__: each for each in (gravity, lidar, field, motion, attitude)}
 
 
 def main() -> None:

@@ -64,6 +64,7 @@ def add_on_board(
         navigation,
         ranges=signals["ranges"],
         commanded_force=acted,
+        commanded_thrust=signals.get("commanded_thrust"),
         body_attitude=body_attitude,
     )
     wiring.logged.update({name: each.port for name, each in navigation.logged_ports().items()})

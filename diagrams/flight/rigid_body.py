@@ -124,9 +124,10 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
     """Adds star tracker, gyro and the filter on board.
 
     Returns:
-      `attitude` (R_NS) and `angular_velocity` as known on board, and `body_attitude`, the attitude
-      R_KS with the spin as believed, and `commanded_force`, what the thrusters gave over the last
-      control period, as far as is known.
+      `attitude` (R_NS) and `angular_velocity` as known on board; `body_attitude` and
+      `middle_attitude`, R_KS with the spin as believed, now and half a period later; and
+      `commanded_force` and `commanded_thrust`, what the thrusters gave over the last control
+      period, as far as is known, together and all added up.
     """
     scenario, world, truth = wiring.scenario, wiring.world, wiring.scenario.truth
     settings = scenario.spacecraft
@@ -162,10 +163,13 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
         gyro=gyro.get_output_port(),
     )
     wiring.logged["inertial_attitude"] = inertial.get_output_port()
-    given = wiring.add("given_force", GivenForce(period, round(scenario.control_period_s / period)))
-    names = ("attitude", "angular_velocity", "body_attitude")
+    steps = round(scenario.control_period_s / period)
+    given = wiring.add("given_force", GivenForce(period, steps))
+    thrust = wiring.add("given_thrust", GivenForce(period, steps, 1))
+    names = ("attitude", "angular_velocity", "body_attitude", "middle_attitude")
     outputs = {name: known.GetOutputPort(name) for name in names}
-    return {**outputs, "commanded_force": given.get_output_port()}
+    outputs["commanded_force"] = given.get_output_port()
+    return {**outputs, "commanded_thrust": thrust.get_output_port()}
 
 
 def add_actuation(
@@ -190,14 +194,15 @@ def add_actuation(
         "thruster_allocation",
         ThrusterAllocation(layout, own.period),
         force=known["force"],
-        attitude=known["body_attitude"],
+        attitude=known["middle_attitude"],
     )
     builder = wiring.builder
     guidance = builder.GetSubsystemByName("attitude_guidance")
     if guidance.HasInputPort("lost"):
         builder.Connect(allocation.GetOutputPort("lost"), guidance.GetInputPort("lost"))
-    given = builder.GetSubsystemByName("given_force").get_input_port()
-    builder.Connect(allocation.GetOutputPort("given_force"), given)
+    for name in ("given_force", "given_thrust"):
+        mean = builder.GetSubsystemByName(name).get_input_port()
+        builder.Connect(allocation.GetOutputPort(name), mean)
     times = _held(wiring, own, "thruster_hold", allocation.GetOutputPort("on_times"))
     estimator = builder.GetSubsystemByName("torque_estimator")
     builder.Connect(times, estimator.GetInputPort("on_times"))

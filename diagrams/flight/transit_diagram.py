@@ -183,7 +183,8 @@ def diagram_of(
     sensed: Signals = {}
     if isinstance(craft, RigidSpacecraft):
         sensed = add_attitude_sensors(wiring, craft)
-        true |= {name: sensed[name] for name in ("body_attitude", "commanded_force")}
+        names = ("body_attitude", "commanded_force", "commanded_thrust")
+        true |= {name: sensed[name] for name in names}
     else:
         add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
     command, known = add_on_board(wiring, controller, true, command_hold)

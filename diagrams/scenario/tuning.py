@@ -18,7 +18,7 @@ from proxops.diagrams.scenario.dispersions import Dispersions
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
-from proxops.systems.attitude import settled_deviation
+from proxops.systems.attitude import settled_noise
 from proxops.systems.common import InputError, limits_of
 from proxops.systems.gravity import GravityField
 from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig, shift_of_centre
@@ -89,8 +89,9 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
     craft = scenario.spacecraft
     if isinstance(craft, RigidBodyConfig):
         noise = load_spacecraft(craft.model).noise
-        deviation = settled_deviation(noise, craft.attitude_period_s)
-        errors.attitude_noise_deg = math.degrees(deviation)
+        steps = round(scenario.control_period_s / craft.attitude_period_s)
+        _, white = settled_noise(noise, craft.attitude_period_s, steps)
+        errors.attitude_noise_deg = math.degrees(white)
     contrast = dispersions.rms("truth.density_contrast")
     if contrast is not None:
         errors.centre_of_mass_m = _shift(body.shape, body.gravity_field.mass, contrast)

@@ -22,7 +22,7 @@ from proxops.systems.attitude.attitude_control import (
 from proxops.systems.attitude.attitude_filter import (
     AttitudeFilter,
     AttitudeNoise,
-    settled_deviation,
+    settled_noise,
 )
 from proxops.systems.attitude.attitude_guidance import (
     AttitudeGuidance,
@@ -69,7 +69,7 @@ __all__ = [
     "control_torque",
     "lost_directions",
     "pointing_error",
-    "settled_deviation",
+    "settled_noise",
     "shortest_turn",
     "true_layout",
 ]

@@ -14,6 +14,7 @@ from proxops.systems.attitude.attitude_control import attitude_error
 from proxops.systems.attitude.gyro import DRIFT_TIME, GyroConfig
 from proxops.systems.attitude.star_tracker import StarTrackerConfig
 from proxops.systems.common import (
+    Quaternion,
     Values,
     Vector3,
     cross_matrix,
@@ -145,16 +146,30 @@ def _corrected(covariance, error, variance):
 
 
 @functools.lru_cache(maxsize=8)
-def settled_deviation(noise: AttitudeNoise, period: float) -> float:
-    """The standard deviation in rad of a settled filter's attitude about each axis.
+def settled_noise(noise: AttitudeNoise, period: float, steps: int) -> tuple[float, float]:
+    """What a settled filter's attitude is like to those who take it once in some periods.
 
-    Args: noise of the sensors, and the time in s from measurement to measurement.
+    A filter averages, so its errors are alike from one time to the next. With A = (1 - K H) F, what
+    becomes of an error within a period, the errors n periods apart have the covariance A^n P.
+
+    Args: noise of the sensors; time in s from measurement to measurement; and the periods.
+
+    Returns:
+      The standard deviation of the attitude about each axis, and that of white noise whose mean
+      over a long time is as uncertain, both in rad.
     """
     now = first_attitude(np.array([1.0, 0.0, 0.0, 0.0]), noise)
     for _ in range(_SETTLING):
-        now = propagated(now, np.zeros(3), period, noise)
-        now = corrected_attitude(now, now.attitude, noise)
-    return math.sqrt(float(np.trace(now.covariance[:3, :3])) / 3.0)
+        prior = propagated(now, np.zeros(3), period, noise)
+        now = corrected_attitude(prior, prior.attitude, noise)
+    # About one axis; they are alike.
+    axis = np.ix_([0, 3], [0, 3])
+    after, before = now.covariance[axis], prior.covariance[axis]
+    gain = before[:, :1] / (before[0, 0] + noise.tracker**2)
+    change = np.array([[1.0, -period], [0.0, math.exp(-period / DRIFT_TIME)]])
+    alike = np.linalg.matrix_power((np.eye(2) - gain @ np.eye(1, 2)) @ change, steps)
+    total = after + 2.0 * np.linalg.solve(np.eye(2) - alike, alike @ after)
+    return math.sqrt(after[0, 0]), math.sqrt(max(total[0, 0], after[0, 0]))
 
 
 class AttitudeFilter(LeafSystem):
@@ -163,12 +178,14 @@ class AttitudeFilter(LeafSystem):
     ```
     star_tracker (4), R_NS; NaN: none ─►┌────────────────┐─► attitude (4), R_NS
     gyro (3), rad/s, S ────────────────►│ AttitudeFilter │─► body_attitude (4), R_KS as believed
+                                        │                │─► middle_attitude (4), R_KS, ahead
                                         │                │─► angular_velocity (3), rad/s, S
                                         └────────────────┘─► covariance (36), rad^2 and (rad/s)^2
     ```
 
     Without a measurement of the star tracker it goes on by the gyro alone. `body_attitude` is
-    Rot(z, w_b t)^T R_NS, with the believed spin w_b. What it remembers is discrete state. Before
+    Rot(z, w_b t)^T R_NS, with the believed spin w_b; `middle_attitude` is what it will be half a
+    period later, for what acts over the period. What it remembers is discrete state. Before
     the first measurement of all the attitude is that of K.
     """
 
@@ -189,7 +206,9 @@ class AttitudeFilter(LeafSystem):
         declare = self.DeclareVectorOutputPort
         declare("attitude", 4, self._calc_attitude, {step})
         declare("body_attitude", 4, self._calc_body_attitude, {step, time})
-        declare("angular_velocity", 3, self._calc_rate, {step, self._gyro_port.ticket()})
+        rate = self._gyro_port.ticket()
+        declare("middle_attitude", 4, self._calc_middle_attitude, {step, time, rate})
+        declare("angular_velocity", 3, self._calc_rate, {step, rate})
         declare("covariance", 36, self._calc_covariance, {step})
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
 
@@ -212,10 +231,20 @@ class AttitudeFilter(LeafSystem):
     def _calc_attitude(self, context, output):
         output.SetFromVector(self.estimate(context).attitude)
 
+    def _against_body(self, attitude: Quaternion, time: float) -> Quaternion:
+        """R_KS as believed of R_NS at a time."""
+        return quaternion_product(quaternion_of((0.0, 0.0, -self.believed_spin * time)), attitude)
+
     def _calc_body_attitude(self, context, output):
         a, b, c, d = self.estimate(context).attitude.tolist()
-        back = quaternion_of((0.0, 0.0, -self.believed_spin * context.get_time()))
-        output.SetFromVector(quaternion_product(back, (a, b, c, d)))
+        output.SetFromVector(self._against_body((a, b, c, d), context.get_time()))
+
+    def _calc_middle_attitude(self, context, output):
+        now, half = self.estimate(context), 0.5 * self.period
+        x, y, z = (half * (self._gyro_port.Eval(context) - now.bias)).tolist()
+        a, b, c, d = now.attitude.tolist()
+        ahead = quaternion_product((a, b, c, d), quaternion_of((x, y, z)))
+        output.SetFromVector(self._against_body(ahead, context.get_time() + half))
 
     def _calc_rate(self, context, output):
         output.SetFromVector(self._gyro_port.Eval(context) - self.estimate(context).bias)

@@ -9,7 +9,7 @@ class GivenForce(LeafSystem):
     """The mean, over the last control period, of what each attitude period gives.
 
     ```
-    force (3), N ──► GivenForce ──► mean (3), N
+    force (n), N ──► GivenForce ──► mean (n), N
     ```
 
     The input is the force of the attitude period that begins at each attitude step; the mean is
@@ -17,13 +17,13 @@ class GivenForce(LeafSystem):
     depend on the input directly.
     """
 
-    def __init__(self, period: float, steps: int):
-        """Takes the attitude period in s, and how many there are in a control period."""
+    def __init__(self, period: float, steps: int, size: int = 3):
+        """Takes the attitude period in s, how many there are in a control period, and n."""
         super().__init__()
         self.period, self.steps = period, steps
-        self._port = self.DeclareVectorInputPort("force", 3)
-        self._sum = self.DeclareDiscreteState(3)
-        self.DeclareVectorOutputPort("mean", 3, self._calc, {self.xd_ticket()})
+        self._port = self.DeclareVectorInputPort("force", size)
+        self._sum = self.DeclareDiscreteState(size)
+        self.DeclareVectorOutputPort("mean", size, self._calc, {self.xd_ticket()})
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._add)
 
     def _calc(self, context, output):

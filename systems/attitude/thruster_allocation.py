@@ -144,16 +144,18 @@ class ThrusterAllocation(LeafSystem):
     attitude (4), R_KS as believed►│                    │─► on_times (n), s
     torque (3), N m, S ───────────►│ ThrusterAllocation │─► given_force (3), N, K as believed
     thruster_torques (3 n), N m ──►│                    │─► given_torque (3), N m, S
-    failed (n) ───────────────────►└────────────────────┘─► lost (3), S
+    failed (n) ───────────────────►│                    │─► given_thrust (1), N
+                                   └────────────────────┘─► lost (3), S
     ```
 
-    `thruster_torques` is what each thruster that is on gives, as estimated, and `failed` is 1 of
-    those that give nothing; both may remain open: then the data sheet holds. `given_…` is what the
-    on-times give in the mean over the period, as far as is known, so that wheels give the rest of
-    the torque and navigation knows the force. `lost` is the middle of the directions in which the
-    thrusters that are left cannot push, a unit vector, or 0; what is asked for along them is left
-    out, so that the rest of the force is given. What is owed because a pulse was too short, and the
-    basis of the last solution, are discrete state.
+    The attitude is that of the middle of the period that begins. `thruster_torques` is what each
+    thruster that is on gives, as estimated, and `failed` is 1 of those that give nothing; both may
+    remain open: then the data sheet holds. `given_…` is what the on-times give in the mean over the
+    period, as far as is known, so that wheels give the rest of the torque and navigation knows the
+    force. `lost` is the middle of the directions in which the thrusters that are left cannot push,
+    a unit vector, or 0; what is asked for along them is left out, so that the rest of the force is
+    given. What is owed because a pulse was too short, and the basis of the last solution, are
+    discrete state.
     """
 
     def __init__(self, layout: ThrusterLayout, period: float):
@@ -175,7 +177,7 @@ class ThrusterAllocation(LeafSystem):
             {self.all_input_ports_ticket(), self.xd_ticket()},
         )
         for k, (name, size) in enumerate(
-            (("on_times", n), ("given_force", 3), ("given_torque", 3))
+            (("on_times", n), ("given_force", 3), ("given_torque", 3), ("given_thrust", 1))
         ):
             self.DeclareVectorOutputPort(
                 name,
@@ -219,7 +221,9 @@ class ThrusterAllocation(LeafSystem):
         owed = memory[:n]
         on, owed = pulses(self.period * found.shares, owed, self.period, self.layout.least_on_time)
         given = wrenches @ (on / self.period)
-        value.set_value((on, axes @ given[:3], given[3:], np.append(owed, found.basis)))
+        thrust = self.layout.forces @ (on / self.period)
+        memory = np.append(owed, found.basis)
+        value.set_value((on, axes @ given[:3], given[3:], [thrust], memory))
 
     def _remember(self, context, discrete_state):
-        discrete_state.set_value(self._memory, self._step.Eval(context)[3])
+        discrete_state.set_value(self._memory, self._step.Eval(context)[4])

@@ -45,9 +45,11 @@ class Fan(NamedTuple):
     """The rays as they leave the lidar."""
 
     directions: np.ndarray
-    """(planes, rays, 3) in S, evenly spaced in each plane from the xy-plane on."""
+    """(planes, rays, 3) in S, evenly spaced in each plane from the xy-plane on, or pixels."""
     half: float
     """Half of a beam's full angle, in rad."""
+    spread: float
+    """Of pixels: the tangent of half the field of view about z; 0: planes all around."""
 
 
 class _Work(NamedTuple):
@@ -189,6 +191,18 @@ def _rays_beside(a, b, cosine, sine, half, slab, spacing):
     return first, math.floor((start + abs(sweep) + half) / spacing)
 
 
+@_inlined
+def _pixels_beside(a, b, count, spread, margin):
+    """The pixels along one axis, first and last, in whose cones a segment may lie.
+
+    a and b are its ends along the axis, over those along z. (0, -1) means no pixel.
+    """
+    scale = 0.5 * count / spread
+    first = math.ceil((min(a, b) - margin) * scale + 0.5 * (count - 1.0))
+    last = math.floor((max(a, b) + margin) * scale + 0.5 * (count - 1.0))
+    return max(first, 0), min(last, count - 1)
+
+
 @_compiled
 def _follow_axes(pose, fan, cone, mesh, work, hits, ranges):
     """Shortens ranges by the surfaces that the axes meet."""
@@ -205,10 +219,13 @@ def _follow_axes(pose, fan, cone, mesh, work, hits, ranges):
 @_compiled
 def _follow_silhouettes(pose, lidar, cone, mesh, work, ranges):
     """Shortens ranges by the surfaces whose silhouettes lie in a cone."""
-    (p, rotation), (fan, half) = pose, lidar
+    (p, rotation), fan, half, spread = pose, lidar.directions, lidar.half, lidar.spread
     vertices, ends, beside, faces = mesh.vertices, mesh.ends, mesh.beside, work.faces
     planes, rays, _ = fan.shape
     spacing, back, mark = 2.0 * math.pi / rays, rotation.T, planes * rays
+    # How far a cone reaches across the flat field at its corners.
+    corner = math.sqrt(2.0) * spread
+    margin = math.tan(min(math.atan(corner) + half, 1.57)) - corner
     for e in range(len(ends)):
         one, other = beside[e, 0], beside[e, 1]
         if faces[one] == faces[other]:
@@ -217,10 +234,19 @@ def _follow_silhouettes(pose, lidar, cone, mesh, work, ranges):
         bx, by, bz = turned_vector(back, *_from(ends[e, 1], p, vertices))
         far2 = max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz)
         slab = cone.sine * math.sqrt(far2)
-        for i in range(planes):
-            first, last = _rays_beside(
-                (ax, ay, az), (bx, by, bz), fan[i, 0, 0], fan[i, 0, 1], half, slab, spacing
-            )
+        low, high, first, last = 0, planes - 1, 0, rays - 1
+        if spread > 0.0:
+            if max(az, bz) <= 0.0:
+                continue
+            # An edge that passes the lidar by may be seen anywhere.
+            if min(az, bz) > 0.0:
+                low, high = _pixels_beside(ax / az, bx / bz, planes, spread, margin)
+                first, last = _pixels_beside(ay / az, by / bz, rays, spread, margin)
+        for i in range(low, high + 1):
+            if spread == 0.0:
+                first, last = _rays_beside(
+                    (ax, ay, az), (bx, by, bz), fan[i, 0, 0], fan[i, 0, 1], half, slab, spacing
+                )
             for j in range(first, last + 1):
                 u = fan[i, j % rays, 0], fan[i, j % rays, 1], fan[i, j % rays, 2]
                 along = bx - ax, by - ay, bz - az

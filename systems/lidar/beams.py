@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from proxops.systems.common import Matrix3, Values, Vector3
@@ -22,7 +24,8 @@ class Beams:
     def __init__(self, shape: Polyhedron, geometry: LidarGeometry, width: float):
         """Takes the mesh, the planes and rays, and the full angle of the cones in rad."""
         fan = geometry.directions.reshape(geometry.planes, geometry.rays, 3)
-        self._fan = Fan(fan, 0.5 * float(width))
+        spread = math.tan(0.5 * geometry.field_of_view)
+        self._fan = Fan(fan, 0.5 * float(width), spread)
         ends, beside = shape.edges
         corners = shape.vertices[shape.facets[:, 0]]
         levels = np.einsum("fi,fi->f", shape.normals, corners)

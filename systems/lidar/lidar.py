@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from proxops.systems.common import FAR, InputError, Vector3, check_type, config, number
+from proxops.systems.common import FAR, Vector3, check_type, config, number
 from proxops.systems.lidar.beams import Beams
 from proxops.systems.lidar.lidar_errors import DEFAULT_ERRORS, LidarErrors, TrueReturns, too_grazing
 from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
@@ -81,11 +81,6 @@ class Lidar(PlanarLidar):
         super().__init__(errors, geometry, period, seed)
         self._normals = shape.normals
         self._fan = ray_caster(shape).fan(self.directions)
-        if errors.beam_width > 0.0 and geometry.field_of_view > 0.0:
-            raise InputError(
-                "beams with a width are computed for planes all around: set "
-                "lidar.field_of_view_deg or truth.lidar.beam_width_rad to 0"
-            )
         self._beams = Beams(shape, geometry, errors.beam_width) if errors.beam_width > 0.0 else None
 
     def true_returns(self, position: Vector3, rotation: np.ndarray | None = None) -> TrueReturns:

@@ -66,8 +66,8 @@ class LidarNavigation(LeafSystem):
                                ┌─────────────────┐
     ranges (planes * rays) ───►│ LidarNavigation ├─► state (6), m and m/s, K; NaN: it has none
     commanded_force (3), N, S ►│                 ├─► attitude (4), R_KS
-    body_attitude (4), R_KS ──►│                 │
-                               │                 ├─► covariance (81)
+    commanded_thrust (1), N ──►│                 │
+    body_attitude (4), R_KS ──►│                 ├─► covariance (81)
                                │                 ├─► record (5)
                                └─────────────────┴─► return_use (planes * rays)
     ```
@@ -81,11 +81,13 @@ class LidarNavigation(LeafSystem):
     estimates what is wrong with that, and `commanded_force` is along K's axes as they are measured.
 
     `commanded_force` is the command along the spacecraft's own axes S that was held over the last
-    period. `attitude` is the rotation of S against K as a unit quaternion (w, x, y, z).
-    `covariance` is that of position (m), velocity (m/s) and of a rotation vector of S in K (rad),
-    row by row. `record` has: root mean square of the residuals (m), returns used, returns rejected,
-    normalised innovation squared over the returns used (about 1), and `NavigationPhase`. Residuals
-    are NaN where no frame was used. `return_use` has the `ReturnUse` of each ray.
+    period; `commanded_thrust` is the sum of the forces of all thrusters, which use up propellant.
+    It may remain open: then there are thrusters along the axes of S. `attitude` is the rotation of
+    S against K as a unit quaternion (w, x, y, z). `covariance` is that of position (m), velocity
+    (m/s) and of a rotation vector of S in K (rad), row by row. `record` has: root mean square of
+    the residuals (m), returns used, returns rejected, normalised innovation squared over the
+    returns used (about 1), and `NavigationPhase`. Residuals are NaN where no frame was used.
+    `return_use` has the `ReturnUse` of each ray.
 
     Outputs are computed when they are asked for, then cached. What it remembers is discrete state.
     It holds no time: outputs are those of a frame only at a control step, at whole multiples of the
@@ -140,6 +142,7 @@ class LidarNavigation(LeafSystem):
         self._size = BASE + map_error.modes
         self._ranges_port = self.DeclareVectorInputPort("ranges", geometry.size)
         self._force_port = self.DeclareVectorInputPort("commanded_force", 3)
+        self._thrust_port = self.DeclareVectorInputPort("commanded_thrust", 1)
         self._body_port = self.DeclareVectorInputPort("body_attitude", 4)
         self._memory = self.DeclareDiscreteState(self._packed(self._navigator.start()))
         self._step = self.DeclareCacheEntry(
@@ -195,7 +198,10 @@ class LidarNavigation(LeafSystem):
         navigator = self._navigator
         if self._body_port.HasValue(context):
             navigator = navigator.with_axes(self._body_axes(context))
-        value.set_value(navigator.step(memory, ranges, force, context.get_time()))
+        thrust = None
+        if self._thrust_port.HasValue(context):
+            thrust = float(self._thrust_port.Eval(context)[0])
+        value.set_value(navigator.step(memory, ranges, force, context.get_time(), thrust))
 
     def _body_axes(self, context) -> Matrix3:
         return rotation_matrix(self._body_port.Eval(context))
@@ -258,9 +264,9 @@ class LidarNavigation(LeafSystem):
         return Memory(estimate, held, int(contradictions), NavigationPhase(int(phase)), attitude)
 
     def _parts(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Views of a vector: forces (D + 1, 3), mean (n,) and covariance (n, n)."""
-        n, mean = self._size, _HEAD + 3 * (self.frame_delay + 1)
-        forces = vector[_HEAD:mean].reshape(-1, 3)
+        """Views of a vector: forces (D + 1, 4), mean (n,) and covariance (n, n)."""
+        n, mean = self._size, _HEAD + 4 * (self.frame_delay + 1)
+        forces = vector[_HEAD:mean].reshape(-1, 4)
         return forces, vector[mean : mean + n], vector[mean + n :].reshape(n, n)
 
 

@@ -40,15 +40,23 @@ class Motion:
         self._expected = expected
 
     def predicted(
-        self, estimate: Estimate, force: Vector3, time: float, duration: float
+        self,
+        estimate: Estimate,
+        force: Vector3,
+        time: float,
+        duration: float,
+        thrust: float,
     ) -> Estimate:
-        """The estimate `duration` s after `time`, under a force (3,) in N along the axes of S."""
+        """The estimate `duration` s after `time`, under a force (3,) in N along the axes of S.
+
+        `thrust` is the sum of the forces of all thrusters in N, which use up propellant.
+        """
         speed = math.hypot(*estimate.mean[VELOCITY].tolist())
         turn = abs(self._spin) * duration
         steps = math.ceil(max(1.0, turn / _TURN, speed * duration / (_SHARE * self._radius)))
         steps = min(steps, _MOST_STEPS)
         step = duration / steps
-        spent = sum(map(abs, force.tolist())) * step / self._mass
+        spent = thrust * step / self._mass
         for k in range(steps):
             mean = estimate.mean
             half = 0.5 * step * mean[VELOCITY]

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from proxops.systems.common import Matrix3, Vector3, Vectors3, one_thread
+from proxops.systems.common import Matrix3, Vector3, one_thread
 from proxops.systems.navigation.acquisition import FEWEST, Acquired, acquire, outlier_share
 from proxops.systems.navigation.correction import Correction, corrected
 from proxops.systems.navigation.estimate import (
@@ -88,8 +88,8 @@ class Memory(NamedTuple):
 
     estimate: Estimate | None
     """At the last frame's time; None: there is none."""
-    forces: Vectors3
-    """(D + 1, 3) commanded forces in N of the last periods, the oldest first."""
+    forces: np.ndarray
+    """(D + 1, 4) commanded forces in N of the last periods, the oldest first, and thrust in N."""
     contradictions: int
     """Number of frames in a row that contradicted the prediction, or that no place explained."""
     phase: NavigationPhase
@@ -150,7 +150,7 @@ class Navigator:
 
     def start(self) -> Memory:
         """The memory before the first frame."""
-        forces = np.zeros((self._delay + 1, 3))
+        forces = np.zeros((self._delay + 1, 4))
         return Memory(None, forces, 0, NavigationPhase.ACQUIRING, np.eye(3))
 
     def with_axes(self, axes: Matrix3) -> Navigator:
@@ -159,7 +159,14 @@ class Navigator:
         navigator.model = self.model.turned(axes)
         return navigator
 
-    def step(self, memory: Memory, ranges: np.ndarray, force: Vector3, time: float) -> Step:
+    def step(
+        self,
+        memory: Memory,
+        ranges: np.ndarray,
+        force: Vector3,
+        time: float,
+        thrust: float | None = None,
+    ) -> Step:
         """Uses the frame that arrives at a time.
 
         Args:
@@ -167,21 +174,26 @@ class Navigator:
           ranges: (planes * rays,) in m, +inf for no return.
           force: (3,) in N along the axes of S, commanded over the period that ends now.
           time: now, in s.
+          thrust: sum of the forces of all thrusters in N over that period, which use up
+            propellant; None: there are thrusters along the axes of S.
         """
+        if thrust is None:
+            thrust = sum(map(abs, force.tolist()))
+        push = np.append(force, thrust)
         if memory.phase == NavigationPhase.FOLLOWING and not self.model.map_error.modes:
-            return self._stepped(memory, ranges, force, time)  # Matrices too small for threads.
+            return self._stepped(memory, ranges, push, time)  # Matrices too small for threads.
         with one_thread():
-            return self._stepped(memory, ranges, force, time)
+            return self._stepped(memory, ranges, push, time)
 
-    def _stepped(self, memory: Memory, ranges: np.ndarray, force: np.ndarray, time: float) -> Step:
+    def _stepped(self, memory: Memory, ranges: np.ndarray, push: np.ndarray, time: float) -> Step:
         """See `step`."""
         forces = np.empty_like(memory.forces)
-        forces[:-1], forces[-1] = memory.forces[1:], force
+        forces[:-1], forces[-1] = memory.forces[1:], push
         taken = time - self._delay * self._period
         prior = None
         if memory.estimate is not None:
             begun = taken - self._period
-            prior = self.motion.predicted(memory.estimate, forces[0], begun, self._period)
+            prior = self._predicted(memory.estimate, forces[0], begun)
         attitude = memory.attitude if prior is None else prior.rotation
         used = self._used(prior, memory, ranges, attitude)
         estimate, phase, contradictions, correction = used
@@ -190,8 +202,12 @@ class Navigator:
         for k in range(self._delay):
             if now is not None:
                 begun = taken + k * self._period
-                now = self.motion.predicted(now, forces[k + 1], begun, self._period)
+                now = self._predicted(now, forces[k + 1], begun)
         return Step(now, memory, correction)
+
+    def _predicted(self, estimate: Estimate, push: np.ndarray, begun: float) -> Estimate:
+        """The estimate after a period under a force and a thrust (4,) in N."""
+        return self.motion.predicted(estimate, push[:3], begun, self._period, float(push[3]))
 
     def _used(
         self, prior: Estimate | None, memory: Memory, ranges: np.ndarray, attitude: np.ndarray

@@ -21,7 +21,7 @@ from proxops.systems.attitude.attitude_filter import (
     corrected_attitude,
     first_attitude,
     propagated,
-    settled_deviation,
+    settled_noise,
 )
 
 TRACKER, GYRO = StarTrackerConfig(noise_deg=0.01), GyroConfig(noise_rad_s=1e-5, bias_rad_s=3e-5)
@@ -127,9 +127,19 @@ def test_the_filter_knows_how_wrong_it_is():
     nees = [error @ np.linalg.solve(covariance, error) for error, covariance in last]
     low, high = chi2.ppf([0.0005, 0.9995], 6 * 100) / 100
     assert low < np.mean(nees) < high
-    # What the navigation is told of it.
     rms = np.sqrt(np.mean([error[:3] @ error[:3] / 3 for error, _ in last]))
-    assert rms == pytest.approx(settled_deviation(NOISE, 1.0), rel=0.15)
+    assert rms == pytest.approx(settled_noise(NOISE, 1.0, 10)[0], rel=0.15)
+
+
+def test_errors_that_are_alike_count_as_more_noise():
+    """The mean of the errors at each tenth step: what white noise would have to be for it."""
+    means = []
+    for seed in range(40):
+        errors = np.array([error[:3] for error, _ in _run(1000 + seed, 700)[100::10]])
+        means.append(math.sqrt(len(errors)) * errors.mean(axis=0))
+    deviation, white = settled_noise(NOISE, 1.0, 10)
+    assert white > 1.3 * deviation
+    assert np.std(means) == pytest.approx(white, rel=0.2)
 
 
 def test_it_goes_on_by_the_gyro_while_the_tracker_is_blinded():

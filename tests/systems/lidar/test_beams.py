@@ -15,6 +15,8 @@ from proxops.systems import (
 )
 
 FEW = LidarGeometry(planes=12, rays=180)
+# A field of 60 degrees, which looks along -x.
+FLASH, DOWN = LidarGeometry(40, 50, field_of_view=1.05), Rotation.from_rotvec([0.0, -1.5, 0.0])
 # Outside Kleopatra: far, near, and in the gap beside its neck.
 PLACES = np.array(
     [[150e3, 20e3, 10e3], [-60e3, 120e3, -90e3], [20e3, 80e3, 40e3], [5e3, -50e3, 45e3]]
@@ -64,14 +66,15 @@ def by_many_rays(
     return nearest
 
 
-@pytest.mark.parametrize("turn", [None, Rotation.from_rotvec([1.0, 0.5, -2.0])])
+@pytest.mark.parametrize("turn", [None, Rotation.from_rotvec([1.0, 0.5, -2.0]), DOWN])
 @pytest.mark.parametrize("width", [1e-3, 5e-3])
 def test_a_beam_reads_the_nearest_of_many_rays(
     kleopatra: Polyhedron, width: float, turn: Rotation | None
 ) -> None:
     """No ray in the cone reads less; the nearest of 500 reads more by far less than the noise."""
-    lidar = Lidar(kleopatra, LidarErrors(beam_width=width), FEW)
-    line = Lidar(kleopatra, LidarErrors(), FEW)
+    geometry = FLASH if turn is DOWN else FEW
+    lidar = Lidar(kleopatra, LidarErrors(beam_width=width), geometry)
+    line = Lidar(kleopatra, LidarErrors(), geometry)
     rotation = None if turn is None else turn.as_matrix()
     directions = lidar.directions if turn is None else turn.apply(lidar.directions)
     excess, shorter, limb = [], [], 0

@@ -9,10 +9,8 @@ from short_flights import SHORT
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import RigidBodyConfig, load_scenario
-from proxops.systems import InputError, LidarErrors, LidarGeometry
+from proxops.systems import LidarGeometry
 from proxops.systems.attitude import AttitudeGuidanceConfig
-from proxops.systems.lidar import Lidar
-from proxops.systems.shapes import Polyhedron
 
 
 def test_pixels_lie_in_a_square_field_about_z():
@@ -29,16 +27,6 @@ def test_pixels_lie_in_a_square_field_about_z():
     for axis in range(2):
         steps = np.diff(wall[..., axis], axis=axis)
         np.testing.assert_allclose(steps, steps.mean(), atol=1e-9)
-
-
-def test_beams_with_a_width_are_for_planes_all_around():
-    shape = Polyhedron(
-        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]),
-        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
-    )
-    narrow = LidarGeometry(8, 8, 1e3, 0.3)
-    with pytest.raises(InputError, match=r"set lidar\.field_of_view_deg or truth\.lidar\.beam"):
-        Lidar(shape, LidarErrors(beam_width=1e-3), narrow)
 
 
 @pytest.mark.slow

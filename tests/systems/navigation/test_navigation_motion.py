@@ -36,6 +36,7 @@ from proxops.systems.vehicle.attitude_error import believed_axes
 
 MASS, RATE, TAU = 1000.0, 3.24e-4, 600.0
 FORCE = np.array([5.0, -3.0, 6.0])
+PUSH = float(np.abs(FORCE).sum())
 START = 1500.0
 TURN = Rotation.from_rotvec([0.01, -0.02, 0.015])
 MODES = 2
@@ -98,7 +99,7 @@ def integrated(given: Estimate, duration: float) -> tuple[np.ndarray, np.ndarray
 
 def stepped(given: Estimate, steps: int, predicts: Motion) -> Estimate:
     for k in range(steps):
-        given = predicts.predicted(given, FORCE, START + 10.0 * k, 10.0)
+        given = predicts.predicted(given, FORCE, START + 10.0 * k, 10.0, PUSH)
     return given
 
 
@@ -123,7 +124,7 @@ def test_constants_stay_and_what_varies_decays() -> None:
 
 def test_a_long_step_is_divided() -> None:
     """300 s at once: the body turns by 6 degrees."""
-    found = motion().predicted(estimate(), FORCE, START, 300.0)
+    found = motion().predicted(estimate(), FORCE, START, 300.0, PUSH)
     state, rotation = integrated(estimate(), 300.0)
     assert np.linalg.norm(found.state[:3] - state[:3]) < 5.0
     assert np.linalg.norm(found.rotation - rotation) < 1e-7
@@ -139,7 +140,7 @@ def test_over_an_edge() -> None:
     mean[:6] = [1030.0, 0.0, 1040.0, -1.0, 0.3, 0.2]
     given = Estimate(mean, np.eye(3), np.zeros((BASE, BASE)), spent=0.0)
     predicts = Motion(field, shape.extents, 0.0, MASS, ExpectedErrors())
-    found = predicts.predicted(given, np.zeros(3), 0.0, 20.0).state[3:]
+    found = predicts.predicted(given, np.zeros(3), 0.0, 20.0, 0.0).state[3:]
 
     def rates(_: float, y: np.ndarray) -> np.ndarray:
         return np.concatenate([y[3:], field.evaluate(y[None, :3]).acceleration[0]])
@@ -245,7 +246,7 @@ def test_a_white_push_moves_as_known() -> None:
     predicts = Motion(kleopatra().gravity_field, kleopatra().shape.extents, 0.0, MASS, errors)
     time = 0.0
     for _ in range(1000):
-        far = predicts.predicted(far, np.zeros(3), time, 0.5)
+        far = predicts.predicted(far, np.zeros(3), time, 0.5, 0.0)
         time += 0.5
     grown = np.sqrt(2.0 * 2.0 * 500.0) * 1e-3
     assert np.sqrt(far.covariance[4, 4]) == pytest.approx(grown, rel=0.02)
@@ -269,7 +270,7 @@ def test_attitude_drifts_as_the_vehicle_s(phase: float) -> None:
     mean[POSITION], mean[SPIN] = [400e3, 0.0, 0.0], wrong
     found = Estimate(mean, truth(0.0).as_matrix(), np.zeros((BASE, BASE)))
     for k in range(360):
-        found = motion().predicted(found, np.zeros(3), 10.0 * k, 10.0)
+        found = motion().predicted(found, np.zeros(3), 10.0 * k, 10.0, 0.0)
     drifted = (truth(3600.0) * truth(0.0).inv()).magnitude()
     off = (Rotation.from_matrix(found.rotation) * truth(3600.0).inv()).magnitude()
     assert drifted > 1e-3
@@ -295,7 +296,7 @@ def test_uneven_density_is_in_the_covariance() -> None:
             known.covariance[:] = 0.0
             # Over a time much longer than the correlation all of it is there.
             moved = motion(centre_of_mass_m=shift)
-            noise = moved.predicted(known, np.zeros(3), START, 1.0).covariance
+            noise = moved.predicted(known, np.zeros(3), START, 1.0, 0.0).covariance
             predicted.append(noise[12, 12] / (1.0 - np.exp(-2.0 / TAU)))
         ratio = np.sqrt(np.mean(left**2) / np.mean(predicted))
         assert 0.4 < ratio < 1.3, (scale, ratio)
