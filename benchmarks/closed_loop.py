@@ -32,7 +32,8 @@ import _worlds
 import numpy as np
 from _adversaries import ADVERSARIES
 from _bodies import GENERATED, KLEOPATRA, scenario_at
-from _campaign import add_campaign_options, fly_with_bar, show
+from _campaign import add_campaign_options, fly_with_bar
+from _tables import Shown, write_markdown
 from pydrake.systems.framework import Diagram, LeafSystem
 
 from proxops.assets import ASSETS
@@ -537,7 +538,9 @@ def main() -> None:
         raise SystemExit(str(error)) from error
     assert study is not None
     title = f"{asked.study}: transits 0 … {asked.transits - 1} of seed {asked.seed}"
-    show(title, study.columns, table(study, flown), asked.markdown)
+    found = Shown(title, study.columns, table(study, flown))
+    found.show()
+    write_markdown([found], asked.markdown)
 
 
 if __name__ == "__main__":
