@@ -18,11 +18,8 @@ from synthetic_log import synthetic_log
 
 from proxops.cli import common
 from proxops.cli.common import console, work_bar
-from proxops.diagrams.logs.flight_log import FlightLog, differences
-from proxops.diagrams.logs.lengths import length_text
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import change_scenario, load_scenario
-from proxops.diagrams.scenario.transits import scenario_transit
+from proxops.diagrams.logs import FlightLog, differences, length_text
+from proxops.diagrams.scenario import change_scenario, load_body, load_scenario, scenario_transit
 from proxops.systems.gravity import tabulated_field
 
 BRIEF = settings(

@@ -16,9 +16,7 @@ from proxops.assets import ASSETS
 from proxops.assets.random_bodies import random_body
 from proxops.cli.common import console
 from proxops.diagrams.new_body.body_setup import body_yaml, scaled_scenario
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import Scenario, load_body, load_scenario
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems.shapes.polyhedron import Polyhedron
 

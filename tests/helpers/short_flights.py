@@ -9,9 +9,7 @@ from pydrake.systems.framework import Context, Diagram, LeafSystem
 
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import Scenario, load_body, load_scenario
 
 # 8 km past the long end of the body, then 100 s in the goal region: 120 steps.
 SHORT = {

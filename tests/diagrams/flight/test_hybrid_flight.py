@@ -14,14 +14,8 @@ from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
-from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.systems import (
-    DecisionReason,
-    InputError,
-    ModelPredictiveController,
-    ReachModel,
-)
+from proxops.diagrams.scenario import Scenario, load_scenario
+from proxops.systems import DecisionReason, InputError, ModelPredictiveController, ReachModel
 from proxops.systems.shapes.ellipsoid import clearances
 
 # 45 steps, wherever it is then; both forces always agree by `TRUSTING`.

@@ -12,9 +12,7 @@ from scipy.spatial.transform import Rotation
 from short_flights import BRIEF, Scripted, kleopatra, short_scenario
 from summary_names import NAVIGATION_SUMMARY
 
-from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight import fly, make_transit_diagram, named_controller
 from proxops.diagrams.logs import FlightLog, differences, why_never_known
 from proxops.diagrams.scenario import LidarNavigationConfig, Scenario
 from proxops.systems import PlanReason

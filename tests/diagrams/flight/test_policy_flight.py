@@ -8,8 +8,7 @@ from known_policies import Counting, DeadReckoning, NotANumber, write_policy
 from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.cli.fly import _table
-from proxops.diagrams.flight.named_controllers import bundle_of, named_controller
-from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight import bundle_of, fly, named_controller
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems import GuidancePolicy, PolicyBundle

@@ -15,8 +15,7 @@ from short_flights import (
     short_scenario,
 )
 
-from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight import fly, named_controller
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError

@@ -9,8 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from short_flights import kleopatra, short_scenario
 
-from proxops.diagrams.flight.simulation import fly, make_simulator
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight import fly, make_simulator, make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import DelayedHold, InputError, ModelPredictiveController

@@ -31,8 +31,7 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.columns import NAVIGATION_COLUMNS, VARIABLES
 from proxops.diagrams.logs.flight_log import FlightLog, differences, make_dataset
 from proxops.diagrams.logs.flight_summary import fallback_steps
-from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
-from proxops.diagrams.scenario.scenario_config import TruthConfig
+from proxops.diagrams.scenario import TruthConfig, dump_scenario, load_scenario, parse_scenario
 from proxops.systems import InputError, TransitProgram
 from proxops.systems.common.errors import SolverFailure
 

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
 from synthetic_log import synthetic_log
 
-from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.logs.legend import legend_of
+from proxops.diagrams.logs import FlightLog, legend_of
 from proxops.diagrams.plots import flight_plot, plot_flight, plot_ranges
 
 

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 from proxops.diagrams.plots import surface_plots
 from proxops.systems import GravityField, Polyhedron
-from proxops.systems.gravity.equilibria import find_equilibria
-from proxops.systems.gravity.surface_maps import plane_cut
+from proxops.systems.gravity import find_equilibria, plane_cut
 
 SPIN = 2e-4
 

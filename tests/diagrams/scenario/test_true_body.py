@@ -13,10 +13,8 @@ from scipy.spatial.transform import Rotation
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems.common.errors import InputError
 from proxops.systems.gravity.gravity_field import GravityField
-from proxops.systems.shapes.displacement import displaced, random_field
-from proxops.systems.shapes.plane_split import halves
-from proxops.systems.shapes.polyhedron import Polyhedron
-from proxops.systems.shapes.registration import registered
+from proxops.systems.shapes import Polyhedron, displaced, halves, registered
+from proxops.systems.shapes.displacement import random_field
 
 MASS = 2.97e18
 

@@ -9,14 +9,8 @@ import pytest
 from flight_rows import row
 from SALib.analyze import pawn
 
-from proxops.studies.figures.sensitivity import (
-    DUMMY,
-    OUTPUTS,
-    _pawn,
-    drawn_columns,
-    rank_drivers,
-    told_from_chance,
-)
+from proxops.studies.figures import DUMMY, drawn_columns, told_from_chance
+from proxops.studies.figures.sensitivity import OUTPUTS, _pawn, rank_drivers
 from proxops.systems.common import generator
 
 Drawn = dict[str, Any]

@@ -14,12 +14,7 @@ from short_flights import kleopatra
 
 from proxops.diagrams.flight.scenario_systems import bounded_backup
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.systems import (
-    AssuranceBounds,
-    BackupBraking,
-    InputError,
-    InterventionReason,
-)
+from proxops.systems import AssuranceBounds, BackupBraking, InputError, InterventionReason
 from proxops.systems.assurance import _braking_kernel as kernel
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
 from proxops.systems.shapes.ellipsoid import clearances

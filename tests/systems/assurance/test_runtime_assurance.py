@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from short_flights import BRIEF, Scripted, falling_flight, kleopatra, short_scenario
 
-from proxops.diagrams.flight.scenario_systems import make_backup
-from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight import fly, make_backup
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import BackupBraking, InputError, InterventionReason, RuntimeAssurance

@@ -10,8 +10,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import Scenario, load_body
 from proxops.systems import (
     DelayedHold,
     InputError,

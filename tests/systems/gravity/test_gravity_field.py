@@ -20,10 +20,9 @@ from plain_polyhedral_gravity import G, PlainPolyhedralGravity, box, star_shaped
 
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems.common.errors import InputError
+from proxops.systems.gravity import GravityField, gravity_field
 from proxops.systems.gravity import _polyhedral_kernel as kernel
-from proxops.systems.gravity import gravity_field
 from proxops.systems.gravity._far_field import fit_masses
-from proxops.systems.gravity.gravity_field import GravityField
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 DENSITY = 2000.0

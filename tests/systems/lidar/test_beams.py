@@ -6,13 +6,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario.body import load_body
-from proxops.systems import (
-    Lidar,
-    LidarErrors,
-    LidarGeometry,
-    Polyhedron,
-    RayCaster,
-)
+from proxops.systems import Lidar, LidarErrors, LidarGeometry, Polyhedron, RayCaster
 
 FEW = LidarGeometry(planes=12, rays=180)
 # Outside Kleopatra: far, near, and in the gap beside its neck.

@@ -8,13 +8,7 @@ from scipy import stats
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
 from proxops.diagrams.scenario.body import load_body
-from proxops.systems import (
-    Lidar,
-    LidarErrors,
-    LidarGeometry,
-    Polyhedron,
-    ray_directions,
-)
+from proxops.systems import Lidar, LidarErrors, LidarGeometry, Polyhedron, ray_directions
 
 
 def box(centre, edge: float = 2e3) -> trimesh.Trimesh:

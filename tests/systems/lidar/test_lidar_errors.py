@@ -10,10 +10,7 @@ from scipy import stats
 
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems import Lidar, LidarGeometry, Polyhedron, RayCaster, ray_directions
-from proxops.systems.lidar.lidar_errors import (
-    LidarErrors,
-    false_ranges,
-)
+from proxops.systems.lidar.lidar_errors import LidarErrors, false_ranges
 
 POSITION = np.array([10e3, 30e3, 25e3])
 ALL: dict[str, Any] = {

@@ -10,15 +10,13 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from scipy.spatial.transform import Rotation
 from short_flights import BRIEF, Scripted, kleopatra, short_scenario
 
-from proxops.diagrams.flight.simulation import fly, make_simulator
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight import fly, make_simulator, make_transit_diagram
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import LidarNavigationConfig, Scenario
 from proxops.systems import ExpectedErrors, LidarNavigation, NavigationPhase
 from proxops.systems.lidar import DEFAULT_GEOMETRY
-from proxops.systems.navigation import Estimate, ReturnUse
+from proxops.systems.navigation import Estimate, MapError, ReturnUse
 from proxops.systems.navigation.frame_model import FrameModel
-from proxops.systems.navigation.map_error import MapError
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.navigator import Navigator, Step
 from proxops.systems.shapes import displaced

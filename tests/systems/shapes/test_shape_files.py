@@ -12,9 +12,7 @@ from plain_polyhedral_gravity import box, star_shaped
 
 from proxops.assets import ASSETS
 from proxops.systems.common.errors import InputError
-from proxops.systems.shapes.polyhedron import Polyhedron
-from proxops.systems.shapes.self_intersection import self_intersections
-from proxops.systems.shapes.shape_files import mesh_bytes, read_mesh
+from proxops.systems.shapes import Polyhedron, mesh_bytes, read_mesh, self_intersections
 
 VERTICES, FACETS = box(np.array([-1.5, 0.25, 3.0]), np.array([2.0, 1.0, 4.5]))
 

@@ -7,8 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from proxops.systems import AttitudeError
-from proxops.systems.vehicle.attitude_error import believed_axes
-from proxops.systems.vehicle.gauss_markov import gauss_markov_at
+from proxops.systems.vehicle import believed_axes, gauss_markov_at
 
 SPIN = 3.24093e-4
 TRUE = SPIN * 1.01 * np.array([0.03, -0.05, 1.0])

@@ -11,8 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.flight.simulation import make_simulator
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario import load_body, load_scenario
 from proxops.systems import (
     InputError,
     PolyhedralGravity,
@@ -21,10 +20,8 @@ from proxops.systems import (
     Spacecraft_,
 )
 from proxops.systems.common import cross_matrix
-from proxops.systems.vehicle.spacecraft import (
-    rotating_frame_acceleration,
-    spinning_frame_acceleration,
-)
+from proxops.systems.vehicle import rotating_frame_acceleration
+from proxops.systems.vehicle.spacecraft import spinning_frame_acceleration
 
 MU = 1.98227e8
 SPIN = 3.24093e-4

@@ -5,11 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from short_flights import kleopatra
 
-from proxops.systems.vehicle.state_prediction import (
-    moved_by,
-    predicted_state,
-    unexplained_acceleration,
-)
+from proxops.systems.vehicle import moved_by, predicted_state, unexplained_acceleration
 
 MASS, SPIN = 100.0, 2.0 * np.pi / (5.38528 * 3600.0)
 # Moving fast over the surface, by a tip, and far out at rest.

@@ -7,8 +7,7 @@ from scipy import stats
 from short_flights import Scripted, short_scenario
 
 from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.logs.flight_summary import dense_positions
+from proxops.diagrams.logs import FlightLog, dense_positions
 from proxops.systems import VelocityKicks
 from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration
 

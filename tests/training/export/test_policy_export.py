@@ -13,8 +13,7 @@ from torch import nn
 
 from proxops.systems import InputError, NeuralPolicy
 from proxops.systems.common import whole_folder
-from proxops.training.export import policy_export
-from proxops.training.export.policy_export import export_policy
+from proxops.training.export import export_policy, policy_export
 
 
 @pytest.fixture(scope="module")
