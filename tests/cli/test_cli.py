@@ -1,11 +1,8 @@
 """The command line: what it writes, what it says, and how it refuses bad input."""
 
 import json
-import subprocess
-import sys
 import warnings
 from collections.abc import Callable
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -282,28 +279,6 @@ def test_long_work_without_a_terminal_tells_of_its_progress(
         monkeypatch.setattr(common, "_SECONDS_PER_LINE", 0.0)
         progress(0.5, "5 of 10 flights")
         assert capfd.readouterr().err == "50 % 5 of 10 flights\n"
-
-
-@pytest.mark.slow
-def test_as_a_process(tmp_path: Path) -> None:
-    """The streams get only what the command prints, and no traceback."""
-    command = [sys.executable, "-m", "proxops.cli.main", "fly"]
-    ran = subprocess.run(
-        [*command, "--set", "spacecraft.mass_kg=-1", "--out", "out"],
-        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
-    assert ran.returncode == 2
-    assert ran.stdout == ""
-    assert ran.stderr == (
-        "proxops: error: scenario: spacecraft.mass_kg must be positive, got -1.0\n"
-    )
-    assert entries(tmp_path) == set()
-
-
-def test_version(run) -> None:
-    ran = run("--version")
-    assert ran.code == 0
-    assert ran.out == f"proxops {metadata.version('proxops')}\n"
 
 
 # --- strangers' logs ------------------------------------------------------------------------------

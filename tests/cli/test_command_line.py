@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -52,7 +53,12 @@ SLOW = ["matplotlib", "numba", "numpy", "proxops.systems", "pydrake", "scipy", "
 
 
 @pytest.mark.parametrize(
-    ("option", "says"), [("--help", "train-lidar"), ("--version", "proxops "), ("flyy", "")]
+    ("option", "says"),
+    [
+        ("--help", "train-lidar"),
+        ("--version", f"proxops {metadata.version('proxops')}\n"),
+        ("flyy", ""),
+    ],
 )
 def test_what_needs_no_command_imports_none(option: str, says: str) -> None:
     """Not even where neither the home nor the folder for temporary files can be written."""

