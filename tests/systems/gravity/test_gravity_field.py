@@ -275,18 +275,6 @@ def test_far_field_joins_without_a_step(kleopatra, kleopatra_extended) -> None:
 # --- against the plain implementation -------------------------------------------------------------
 
 
-def test_kleopatra_against_the_plain_formula(kleopatra, kleopatra_mesh) -> None:
-    shape, field = kleopatra.shape, kleopatra.gravity_field
-    plain = PlainPolyhedralGravity(shape.vertices, shape.facets, field.density)
-    surface, _ = surface_points(kleopatra_mesh, 300)
-    share = np.exp(np.random.default_rng(4).uniform(np.log(1.0001), np.log(10.0), 300))
-    points = surface * share[:, None]
-    result = field.evaluate(points)
-    reference = [plain.at(point) for point in points]
-    for index in range(3):
-        assert relative(result[index], np.array([r[index] for r in reference])) < 1e-11
-
-
 def test_kleopatra_against_extended_precision(
     kleopatra, kleopatra_mesh, kleopatra_extended: PlainPolyhedralGravity
 ) -> None:

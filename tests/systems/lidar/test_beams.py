@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from contact_binary import polyhedron
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario.body import load_body
@@ -24,12 +25,6 @@ def box(centre, extents) -> trimesh.Trimesh:
     mesh = trimesh.creation.box(extents)
     mesh.apply_translation(centre)
     return mesh
-
-
-def polyhedron(*meshes: trimesh.Trimesh) -> Polyhedron:
-    together = trimesh.util.concatenate(list(meshes))
-    assert isinstance(together, trimesh.Trimesh)
-    return Polyhedron.from_trimesh(together, "m")
 
 
 def true_ranges(lidar: Lidar, place: np.ndarray, rotation: np.ndarray | None = None) -> np.ndarray:

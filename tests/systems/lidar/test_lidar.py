@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from contact_binary import polyhedron
 from pydrake.perception import PointCloud
 from scipy import stats
 from trimesh.ray.ray_triangle import RayMeshIntersector
@@ -15,12 +16,6 @@ def box(centre, edge: float = 2e3) -> trimesh.Trimesh:
     mesh = trimesh.creation.box(extents=3 * [edge])
     mesh.apply_translation(centre)
     return mesh
-
-
-def polyhedron(*meshes: trimesh.Trimesh) -> Polyhedron:
-    together = trimesh.util.concatenate(list(meshes))
-    assert isinstance(together, trimesh.Trimesh)
-    return Polyhedron.from_trimesh(together, "m")
 
 
 def lidar_at(lidar: Lidar, position, time: float = 0.0):

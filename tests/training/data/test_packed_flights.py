@@ -2,9 +2,6 @@
 
 import json
 import shutil
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -116,40 +113,23 @@ def test_follows_a_change_that_keeps_the_size(logs: Path) -> None:
     assert after.state[changed[0][0], 0] == 1.5e5
 
 
+def test_until_the_new_set_is_whole_the_old_one_is_there(logs: Path) -> None:
+    before, seen = pack_flights(logs).logs_sha256, []
+    (logs / "b-5.nc").unlink()
+
+    def told(done: float, text: str) -> None:
+        seen.append(PackedFlights(logs / "packed").logs_sha256)
+
+    after = pack_flights(logs, progress=told)
+    assert len(seen) > 2
+    assert set(seen) == {before}
+    assert len(after.flights) == len(FLIGHTS) - 1
+
+
 def test_leftovers_of_a_killed_process_are_cleared(logs: Path) -> None:
     (logs / ".packed.abcd.folder").mkdir()
     (logs / ".packed.abcd.folder" / "state.bin").write_bytes(b"half")
     pack_flights(logs)
-    assert not list(logs.glob(".packed.*.folder"))
-
-
-PACK = """
-import os, sys
-from proxops.training.data import pack_flights
-def told(done, text):
-    packed = text.split()[1]
-    print(packed, flush=True)
-    if packed == sys.argv[2]:
-        os.kill(os.getpid(), 9)
-pack_flights(sys.argv[1], progress=told)
-"""
-
-
-def pack_elsewhere(folder: Path, killed_at: int = 0) -> "subprocess.Popen[str]":
-    command = [sys.executable, "-c", PACK, str(folder), str(killed_at)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-
-
-@pytest.mark.slow
-def test_a_killed_process_leaves_the_old_set(logs: Path) -> None:
-    before = pack_flights(logs).logs_sha256
-    (logs / "b-5.nc").unlink()
-    process = pack_elsewhere(logs, killed_at=4)
-    assert process.communicate()[0].split() == ["1", "2", "3", "4"]
-    assert process.returncode == -signal.SIGKILL
-    assert list(logs.glob(".packed.*.folder"))
-    assert PackedFlights(logs / "packed").logs_sha256 == before
-    assert len(pack_flights(logs).flights) == len(FLIGHTS) - 1
     assert not list(logs.glob(".packed.*.folder"))
 
 
