@@ -18,11 +18,6 @@ from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.data.packed_flights import INDEX
 
 
-@pytest.fixture(scope="module")
-def packed(tmp_path_factory: pytest.TempPathFactory) -> PackedFlights:
-    return pack_flights(copy_flights(tmp_path_factory.mktemp("packed")))
-
-
 @pytest.fixture
 def logs(tmp_path: Path) -> Path:
     return copy_flights(tmp_path)

@@ -8,22 +8,16 @@ from typing import Any
 
 import pytest
 import torch
-from flight_folders import copy_flights
 from torch import Tensor, nn
 
 from proxops.systems import InputError
-from proxops.training.data import PackedFlights, pack_flights
+from proxops.training.data import PackedFlights
 from proxops.training.loop import WindowDataset
 from proxops.training.loop.tensor_batches import TensorBatches
 from proxops.training.loop.training_loop import Schedule, TrainingTask, train
 from proxops.training.loop.windows import Batch, WindowBatches
 
 SCHEDULE = Schedule(epochs=4, batch=3, learning_rate=3e-2, patience=4)
-
-
-@pytest.fixture(scope="module")
-def packed(tmp_path_factory: pytest.TempPathFactory) -> PackedFlights:
-    return pack_flights(copy_flights(tmp_path_factory.mktemp("training")))
 
 
 class Straight(nn.Module):
