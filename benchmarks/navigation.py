@@ -25,6 +25,7 @@ interrupted, or to add transits. Poses are not kept.
 """
 
 import argparse
+import functools
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -34,7 +35,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 from _bodies import GENERATED, KLEOPATRA, scenario_at
-from _campaign import campaign_parser, workers_with_bar
+from _campaign import campaign_parser, fly_with_bar, workers_with_bar
 from _kept import keep
 from _navigation_flights import (
     COMPONENTS,
@@ -56,9 +57,9 @@ from _navigation_poses import (
 )
 from _tables import Shown, write_markdown
 
-from proxops.diagrams.flight import Row, run_groups
+from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario
-from proxops.studies.campaigns import Variant, variant_flights
+from proxops.studies.campaigns import Variant
 from proxops.studies.figures import delta_v_pairs
 from proxops.systems.common import InputError
 
@@ -90,16 +91,7 @@ HONESTY_HEADINGS = (
 )  # fmt: skip
 
 
-def flown(
-    variants: Sequence[Variant], scenario: Scenario, asked: argparse.Namespace
-) -> dict[str, list[Row]]:
-    """Rows of `describe_navigation` by the variant's name; wrong input ends the program."""
-    with workers_with_bar(asked) as workers:
-        flights = {
-            each.name: variant_flights(each, scenario, asked.seed, range(asked.transits))
-            for each in variants
-        }
-        return run_groups(flights, asked.out, describe=describe_navigation, workers=workers)
+flown = functools.partial(fly_with_bar, describe=describe_navigation)
 
 
 def flight_figures(rows: Sequence[Row]) -> list[str]:
