@@ -102,9 +102,6 @@ def random_states(count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
     return found
 
 
-# Alone
-
-
 # A function of state and target
 
 
@@ -286,8 +283,8 @@ def flight(
     return builder.Build()
 
 
-def simulator_of(diagram: Diagram, context=None) -> Simulator:
-    simulator = Simulator(diagram, context) if context is not None else Simulator(diagram)
+def simulator_of(diagram: Diagram) -> Simulator:
+    simulator = Simulator(diagram)
     # Steps of fixed length: an integrator's choice of the next step is no part of the Context.
     integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", PERIOD)
     integrator.set_fixed_step_mode(True)
@@ -474,24 +471,6 @@ def test_reasons_of_failures(failure, reason):
         assert reason_of(context, controller) == (CONTINUED, reason)
         remember(controller, context)
     assert reason_of(alone(START, controller=controller), controller) == (BRAKING, reason)
-
-
-# The Context
-
-
-def test_clone_of_a_flight_replays_bit_for_bit():
-    controller, _ = counting_expert()
-    diagram = flight(controller)
-    simulator = simulator_of(diagram)
-    simulator.AdvanceTo(23.5 * PERIOD)
-    twin = simulator_of(diagram, simulator.get_context().Clone())
-    simulator.AdvanceTo(60 * PERIOD)
-    twin.AdvanceTo(60 * PERIOD)
-    for name in ("force", "state"):
-        after = logged(simulator, name)[24:]
-        assert len(after) == 37
-        assert np.array_equal(after, logged(twin, name)[-37:])
-    assert np.array_equal(memory_of(simulator), memory_of(twin))
 
 
 def test_the_time_that_is_left_bounds_plans_until_it_is_too_late():

@@ -74,19 +74,16 @@ def first_steps(name: str, indices: list[int], **errors: float) -> tuple[float, 
     return float(np.mean(following)), worst
 
 
+@pytest.mark.parametrize(
+    ("indices", "most", "share"),
+    [([10, 11], 6.0, 0.8), pytest.param([*range(12)], 6.5, 0.95, marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("errors", [{}, FALSE])
 @pytest.mark.parametrize("name", BODIES)
-def test_no_confident_lie(name: str, errors: dict) -> None:
+def test_no_confident_lie(
+    name: str, errors: dict, indices: list[int], most: float, share: float
+) -> None:
     """The second frame says what the velocity is; it is not to believe false returns then."""
-    following, worst = first_steps(name, [10, 11], **errors)
-    assert worst < 6.0
-    assert following > 0.8
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("errors", [{}, FALSE])
-@pytest.mark.parametrize("name", BODIES)
-def test_no_confident_lie_in_many_places(name: str, errors: dict) -> None:
-    following, worst = first_steps(name, list(range(12)), **errors)
-    assert worst < 6.5
-    assert following > 0.95
+    following, worst = first_steps(name, indices, **errors)
+    assert worst < most
+    assert following > share

@@ -42,6 +42,11 @@ class PointMass(LeafSystem):
         output.SetFromVector(-MU * p / np.linalg.norm(p) ** 3)
 
 
+class NoGravity(PointMass):
+    def _calc(self, context, output):
+        output.SetFromVector(np.zeros(3))
+
+
 def coasting(gravity, state, force=(0.0, 0.0, 0.0), spin=SPIN):
     """A simulator of a spacecraft under a constant force, and the plant in it."""
     builder = DiagramBuilder()
@@ -93,10 +98,6 @@ def test_circular_orbit_seen_from_the_rotating_frame():
 
 
 def test_thrust_alone_moves_it_by_half_a_t_squared():
-    class NoGravity(PointMass):
-        def _calc(self, context, output):
-            output.SetFromVector(np.zeros(3))
-
     simulator, craft = coasting(NoGravity(), np.zeros(6), force=(7.0, -3.5, 1.0), spin=0.0)
     simulator.AdvanceTo(100.0)
     expected = 0.5 * np.array([7.0, -3.5, 1.0]) / 100.0 * 100.0**2
@@ -180,14 +181,6 @@ TILTED = SPIN * 1.02 * np.array([0.05, -0.08, 0.99])
 AXIS_POINT = np.array([900.0, -2500.0, 400.0])
 
 
-def no_gravity():
-    class NoGravity(PointMass):
-        def _calc(self, context, output):
-            output.SetFromVector(np.zeros(3))
-
-    return NoGravity()
-
-
 def as_flights_do(craft, gravity, force=(0.0, 0.0, 0.0), mass_flow=None):
     """A simulator with the integrator of transits: steps of 10 s."""
     builder = DiagramBuilder()
@@ -247,7 +240,7 @@ def test_propellant_against_tsiolkovsky():
     flow = thrust / exhaust
     end = burnt / flow
     craft = Spacecraft(100.0, 0.0, np.zeros(6), burns_propellant=True)
-    simulator = as_flights_do(craft, no_gravity(), (thrust, 0.0, 0.0), flow)
+    simulator = as_flights_do(craft, NoGravity(), (thrust, 0.0, 0.0), flow)
     simulator.AdvanceTo(end)
     context = craft.GetMyContextFromRoot(simulator.get_context())
     left = craft.GetOutputPort("mass").Eval(context)[0]
@@ -264,7 +257,7 @@ def test_propellant_against_tsiolkovsky():
 
 def test_propellant_that_is_used_up_says_so():
     craft = Spacecraft(100.0, 0.0, np.zeros(6), burns_propellant=True)
-    simulator = as_flights_do(craft, no_gravity(), (7.0, 0.0, 0.0), 0.5)
+    simulator = as_flights_do(craft, NoGravity(), (7.0, 0.0, 0.0), 0.5)
     with pytest.raises(InputError, match=r"the propellant is used up: of 100 kg, less than 0\.1"):
         simulator.AdvanceTo(1000.0)
 
