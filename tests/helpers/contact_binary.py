@@ -2,6 +2,7 @@
 
 import numpy as np
 import trimesh
+from numpy.typing import ArrayLike
 from scripts import load_script
 
 from proxops.systems import Polyhedron
@@ -30,3 +31,9 @@ def together(*meshes: trimesh.Trimesh) -> trimesh.Trimesh:
 def polyhedron(*meshes: trimesh.Trimesh) -> Polyhedron:
     """The same as a shape; the meshes are in m."""
     return Polyhedron.from_trimesh(together(*meshes), "m")
+
+
+def box(centre: ArrayLike, extents: ArrayLike) -> trimesh.Trimesh:
+    mesh = trimesh.creation.box(extents)
+    mesh.apply_translation(centre)
+    return mesh

@@ -3,19 +3,12 @@
 import numpy as np
 import pytest
 import trimesh
-from contact_binary import polyhedron
+from contact_binary import box, polyhedron
 from pydrake.perception import PointCloud
 from scipy import stats
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
-from proxops.diagrams.scenario.body import load_body
 from proxops.systems import Lidar, LidarErrors, LidarGeometry, Polyhedron, ray_directions
-
-
-def box(centre, edge: float = 2e3) -> trimesh.Trimesh:
-    mesh = trimesh.creation.box(extents=3 * [edge])
-    mesh.apply_translation(centre)
-    return mesh
 
 
 def lidar_at(lidar: Lidar, position, time: float = 0.0):
@@ -31,11 +24,6 @@ def ranges(lidar: Lidar, context) -> np.ndarray:
 
 def hits(frame: np.ndarray) -> list[tuple[int, int]]:
     return [(int(i), int(j)) for i, j in np.argwhere(np.isfinite(frame))]
-
-
-@pytest.fixture(scope="module")
-def kleopatra() -> Polyhedron:
-    return load_body("kleopatra").shape
 
 
 # Directions and the order of the frame
@@ -66,7 +54,7 @@ def test_small_box_is_hit_by_the_one_ray_towards_it(index, direction):
 
 
 def test_maximum_range():
-    shape = polyhedron(box([101e3, 0.0, 0.0]))
+    shape = polyhedron(box([101e3, 0.0, 0.0], 3 * [2e3]))
     near, far = (
         Lidar(shape, LidarErrors(), LidarGeometry(max_range=99_990.0)),
         Lidar(shape, LidarErrors(), LidarGeometry(max_range=100_010.0)),

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from pydrake.perception import PointCloud
 from scipy.spatial.transform import Rotation
 
-from proxops.diagrams.scenario.body import load_body
 from proxops.systems import (
     InputError,
     LearnedLidar,
@@ -27,11 +26,6 @@ from proxops.systems.lidar import ChordFan
 PLACE = np.array([150e3, 20e3, 10e3])
 TURN = Rotation.from_rotvec(np.radians([3.0, -40.0, 75.0]))
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
-
-
-@pytest.fixture(scope="module")
-def kleopatra() -> Polyhedron:
-    return load_body("kleopatra").shape
 
 
 def quaternion(turn: Rotation) -> np.ndarray:

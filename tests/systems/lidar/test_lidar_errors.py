@@ -8,7 +8,6 @@ import trimesh
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from proxops.diagrams.scenario.body import load_body
 from proxops.systems import Lidar, LidarGeometry, Polyhedron, RayCaster, ray_directions
 from proxops.systems.lidar.lidar_errors import LidarErrors, false_ranges
 
@@ -20,11 +19,6 @@ ALL: dict[str, Any] = {
     "dropout": 0.2,
     "false_returns": 0.05,
 }
-
-
-@pytest.fixture(scope="module")
-def kleopatra() -> Polyhedron:
-    return load_body("kleopatra").shape
 
 
 @pytest.fixture(scope="module")

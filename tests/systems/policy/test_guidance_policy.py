@@ -4,7 +4,6 @@ Eq. 20 and 21 of docs/method/equations.md.
 """
 
 import dataclasses
-import json
 import math
 import re
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from contact_binary import contact_binary
+from exported_once import change_json, copied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from known_guidance import write_guidance
@@ -277,9 +277,7 @@ def test_arrays_of_other_networks_are_refused(name: str, array: np.ndarray, word
 def test_damaged_bundles_are_refused(
     bundle: Path, tmp_path: Path, change: dict, words: str
 ) -> None:
-    for file in bundle.iterdir():
-        (tmp_path / file.name).write_bytes(file.read_bytes())
-    content = json.loads((tmp_path / "guidance.json").read_text())
-    (tmp_path / "guidance.json").write_text(json.dumps(content | change))
+    folder = copied(bundle, tmp_path)
+    change_json(folder / "guidance.json", **change)
     with pytest.raises(InputError, match=words):
-        GuidanceBundle.load(tmp_path)
+        GuidanceBundle.load(folder)

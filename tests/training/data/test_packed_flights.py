@@ -1,6 +1,5 @@
 """Packed flights hold what the logs hold, follow the logs' changes, and say what is damaged."""
 
-import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
+from exported_once import change_json
 from flight_folders import FLIGHTS, copy_flights, flight
 
 from proxops.diagrams.scenario.scenario import dump_scenario, parse_scenario
@@ -230,6 +230,6 @@ def test_a_damaged_column(packed_logs: Path, damage: Callable[[Path], None], nam
 )
 def test_a_damaged_index(packed_logs: Path, change: dict[str, object], message: str) -> None:
     path = PackedFlights(packed_logs / "packed").folder / INDEX
-    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    change_json(path, **change)
     with pytest.raises(InputError, match=message):
         PackedFlights(path.parent)

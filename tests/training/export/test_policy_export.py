@@ -1,13 +1,12 @@
 """A policy's bundle: what it says, when it is not written, and what damage does."""
 
 import hashlib
-import json
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from exported_once import change_json, copied
 from known_policies import Counting, DeadReckoning, example_steps, facts_of, remember
 from torch import nn
 
@@ -93,13 +92,8 @@ def test_nothing_finite_and_nothing_to_compare(tmp_path: Path) -> None:
 # --- damage ---------------------------------------------------------------------------------------
 
 
-def copied(bundle: Path, folder: Path) -> Path:
-    return Path(shutil.copytree(bundle, folder / "bundle"))
-
-
 def change(folder: Path, **changes: object) -> None:
-    content = json.loads((folder / "policy.json").read_text()) | changes
-    (folder / "policy.json").write_text(json.dumps(content))
+    change_json(folder / "policy.json", **changes)
 
 
 def flip_a_byte(folder: Path) -> None:
