@@ -14,6 +14,7 @@ import numba
 import numpy as np
 import pytest
 import trimesh
+from gauss_law import outward_flux
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_polyhedral_gravity import G, PlainPolyhedralGravity, box, star_shaped
@@ -328,22 +329,6 @@ def test_beside_edges(kleopatra, kleopatra_extended, distance: float) -> None:
 
 
 # --- laws -----------------------------------------------------------------------------------------
-
-
-def outward_flux(field: GravityField, centre: np.ndarray, radius: float) -> float:
-    """Flux of the acceleration through a sphere: Gauss-Legendre in z, trapezium in azimuth."""
-    z, weight = np.polynomial.legendre.leggauss(48)
-    azimuth = 2 * np.pi * np.arange(96) / 96
-    across = np.sqrt(1 - z**2)
-    normal = np.stack(
-        np.broadcast_arrays(
-            across[:, None] * np.cos(azimuth), across[:, None] * np.sin(azimuth), z[:, None]
-        ),
-        axis=-1,
-    ).reshape(-1, 3)
-    weights = np.repeat(weight, 96) * 2 * np.pi / 96 * radius**2
-    acceleration = field.evaluate(centre + radius * normal).acceleration
-    return float(weights @ np.einsum("ni,ni->n", acceleration, normal))
 
 
 @settings(max_examples=5)
