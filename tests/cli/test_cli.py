@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import short_flights
-from commands import proxops, settings
-from short_flights import kleopatra, short_scenario, write_blob
+from commands import Ran, settings
+from short_flights import short_scenario, write_blob
 from summary_names import NAVIGATION_SUMMARY, SUMMARY
 from synthetic_log import synthetic_log
 
 from proxops.cli import common
-from proxops.cli.common import console, work_bar
+from proxops.cli.common import work_bar
 from proxops.diagrams.logs import FlightLog, differences, length_text
 from proxops.diagrams.scenario import change_scenario, load_body, load_scenario, scenario_transit
 from proxops.systems.gravity import tabulated_field
@@ -23,29 +23,6 @@ BRIEF = settings(
     {"arrival.deadline_s": 100, "arrival.dwell_s": 50, "mpc.intervals": 10},
 )
 SHORT = settings(short_flights.SHORT)
-
-
-class Ran:
-    """Exit code and output of one run."""
-
-    def __init__(self, code: int, out: str, err: str):
-        self.code, self.out, self.err = code, out, err
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path):
-    """`proxops ARGUMENTS` in this process, working in a folder of its own."""
-    kleopatra().gravity_field.evaluate(np.ones((1, 3)))  # Compiled by now, which would be told.
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(console, "width", 200)
-
-    def ran(*arguments: object) -> Ran:
-        capfd.readouterr()
-        code = proxops(*arguments)
-        caught = capfd.readouterr()
-        return Ran(code, str(caught.out), str(caught.err))
-
-    return ran
 
 
 def entries(folder: Path) -> set[str]:
