@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
+from plain_motion import moved
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
@@ -73,13 +74,8 @@ def flown_open_loop(start: np.ndarray, plan: Plan) -> np.ndarray:
     """States (N + 1, 6) at the knots, in the true field."""
     states = [start]
     for force, step in zip(plan.forces, np.diff(plan.times), strict=True):
-
-        def rates(_, x, force=force):
-            gravity = program().field.evaluate(x[None, :3]).acceleration[0]
-            pull = rotating_frame_acceleration(x[:3], x[3:], gravity, force, MASS, program().spin)
-            return np.concatenate([x[3:], pull])
-
-        states.append(solve_ivp(rates, (0.0, step), states[-1], rtol=1e-9, atol=1e-4).y[:, -1])
+        push = force / MASS
+        states.append(moved(program().field, program().spin, states[-1], push, step, 1e-9))
     return np.array(states)
 
 

@@ -16,6 +16,7 @@ from exported_once import change_json, copied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from known_guidance import write_guidance
+from plain_motion import acceleration
 from short_flights import kleopatra, short_scenario
 
 from proxops.assets import ASSETS
@@ -70,15 +71,12 @@ def test_acceleration_without_thrust_is_that_of_a_turning_frame() -> None:
     told, random = around(), np.random.default_rng(2)
     states, goals = random.normal(size=(5, 6)) * 1e5, random.normal(size=(5, 3)) * 1e5
     given_ = told.inputs(states, goals)
-    turn = np.array([0.0, 0.0, told.spin])
     for row, state, goal in zip(given_, states, goals, strict=True):
         for at, where, velocity in (
             (slice(9, 12), state[:3], state[3:]),
             (slice(12, 15), goal, np.zeros(3)),
         ):
-            wanted = told.field.evaluate(where[None]).acceleration[0]
-            wanted = wanted - 2.0 * np.cross(turn, velocity)
-            wanted = wanted - np.cross(turn, np.cross(turn, where))
+            wanted = acceleration(told.field, told.spin, where, velocity)
             np.testing.assert_allclose(row[at], wanted / told.acceleration, rtol=1e-5)
 
 
