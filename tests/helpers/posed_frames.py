@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import trimesh
 from contact_binary import contact_binary
+from one_system import evaluated
 from scipy.spatial.transform import Rotation
 from short_flights import kleopatra
 
@@ -70,7 +71,5 @@ def measured(name: str, pose: tuple[np.ndarray, Rotation], seed: int, **errors: 
     modelled = model(name)
     wrong = LidarErrors(noise_std=modelled.noise_std, **errors)
     lidar = Lidar(body(name), wrong, modelled.geometry, seed=seed)
-    context = lidar.CreateDefaultContext()
-    lidar.GetInputPort("position").FixValue(context, place)
-    lidar.GetInputPort("attitude").FixValue(context, turn.as_quat(scalar_first=True))
-    return lidar.GetOutputPort("ranges").Eval(context)
+    quaternion = turn.as_quat(scalar_first=True)
+    return evaluated(lidar, "ranges", position=place, attitude=quaternion)

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from one_system import context_of
 from pydrake.solvers import SolutionResult
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -65,12 +66,7 @@ def counting_expert() -> tuple[ModelPredictiveController, CountingProgram]:
 
 def alone(state, target=TARGET, time: float = 0.0, controller=None):
     """A Context of the controller with its inputs fixed, and nothing remembered."""
-    controller = controller or expert()
-    context = controller.CreateDefaultContext()
-    context.SetTime(time)
-    controller.GetInputPort("state").FixValue(context, np.asarray(state, dtype=float))
-    controller.GetInputPort("target").FixValue(context, np.asarray(target, dtype=float))
-    return context
+    return context_of(controller or expert(), time, state=state, target=target)
 
 
 def force_of(context, controller=None) -> np.ndarray:
@@ -478,9 +474,7 @@ def test_the_time_that_is_left_bounds_plans_until_it_is_too_late():
     length = like.solve(START, TARGET, iterations=COLD).times[-1]
     latest = 0.9 * length
     system = ModelPredictiveController(like, PERIOD, COLD, latest=latest)
-    context = system.CreateDefaultContext()
-    system.GetInputPort("state").FixValue(context, START)
-    system.GetInputPort("target").FixValue(context, TARGET)
+    context = alone(START, controller=system)
 
     def planned(now: float) -> float:
         context.SetTime(now)

@@ -17,6 +17,7 @@ from ball_lidar import (
     write_ball_frame_bundle,
 )
 from exported_once import change_json, copied
+from one_system import evaluated
 
 from proxops.systems import InputError, LearnedLidar, Lidar, LidarErrors, LidarGeometry
 from proxops.systems.lidar.lidar_bundle import LidarBundle
@@ -32,10 +33,7 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def frame(lidar, place, time: float = 0.0) -> np.ndarray:
-    context = lidar.CreateDefaultContext()
-    context.SetTime(time)
-    lidar.GetInputPort("position").FixValue(context, place)
-    return lidar.GetOutputPort("ranges").Eval(context)
+    return evaluated(lidar, "ranges", time, position=place)
 
 
 # --- what it reads --------------------------------------------------------------------------------

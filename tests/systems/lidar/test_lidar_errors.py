@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import ArrayLike
+from one_system import context_of, evaluated
 from scipy import stats
 
 from proxops.systems import Lidar, LidarGeometry, Polyhedron, RayCaster, ray_directions
@@ -29,11 +30,7 @@ def room() -> Polyhedron:
 
 def frame(lidar: Lidar, position: ArrayLike = POSITION, step: int = 0, seed: int = 0) -> np.ndarray:
     """One frame through the port (planes * rays,)."""
-    context = lidar.CreateDefaultContext()
-    context.SetTime(10.0 * step)
-    lidar.set_seed(context, seed)
-    lidar.GetInputPort("position").FixValue(context, np.asarray(position, dtype=float))
-    return lidar.GetOutputPort("ranges").Eval(context)
+    return evaluated(lidar, "ranges", 10.0 * step, seed, position=position)
 
 
 # --- each option alone ----------------------------------------------------------------------------
@@ -156,11 +153,8 @@ def test_one_option_leaves_the_numbers_of_the_others(kleopatra: Polyhedron, opti
 
 def test_all_is_a_pure_function_of_seed_and_step(kleopatra: Polyhedron) -> None:
     lidar = Lidar(kleopatra, LidarErrors(50.0, **ALL), seed=5)
-    context = lidar.CreateDefaultContext()
-    port = lidar.GetInputPort("position")
+    context = context_of(lidar, 70.0, position=POSITION)
     ranges = lidar.GetOutputPort("ranges")
-    port.FixValue(context, POSITION)
-    context.SetTime(70.0)
     first = ranges.Eval(context).copy()
     context.SetTime(80.0)
     assert not np.array_equal(first, ranges.Eval(context))

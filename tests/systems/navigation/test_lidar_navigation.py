@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from navigated_flight import ATTITUDE, MASS, NOISE, PERIOD, Flight, flight, frame, navigation
+from one_system import context_of
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 from short_flights import BRIEF, kleopatra, short_scenario
@@ -212,14 +213,6 @@ def seen(system: LidarNavigation, context) -> dict[str, np.ndarray]:
     return {name: system.GetOutputPort(name).Eval(context).copy() for name in names}
 
 
-def told(system: LidarNavigation, ranges: np.ndarray, force: np.ndarray, time: float = 0.0):
-    context = system.CreateDefaultContext()
-    context.SetTime(time)
-    system.GetInputPort("ranges").FixValue(context, ranges)
-    system.GetInputPort("commanded_force").FixValue(context, force)
-    return context
-
-
 def test_false_returns_are_rejected_and_others_used() -> None:
     """A return that is twice as far as the surface is false."""
     system, flown = navigation(), flight()
@@ -230,7 +223,7 @@ def test_false_returns_are_rejected_and_others_used() -> None:
     returned = np.flatnonzero(np.isfinite(ranges))
     false = returned[::7]
     ranges[false] *= 2.0
-    context = told(system, ranges, flown.forces[1], PERIOD)
+    context = context_of(system, PERIOD, ranges=ranges, commanded_force=flown.forces[1])
     context.SetDiscreteState(system._packed(memory))
     found = system.GetOutputPort("return_use").Eval(context)
     record = system.GetOutputPort("record").Eval(context)
@@ -244,7 +237,8 @@ def test_false_returns_are_rejected_and_others_used() -> None:
 
 def through_ports(system: LidarNavigation, flown: Flight, count: int) -> list[dict]:
     """What the system gives with these frames, as Drake updates it."""
-    simulator = Simulator(system, told(system, flown.frames[0], flown.forces[0]))
+    first = context_of(system, ranges=flown.frames[0], commanded_force=flown.forces[0])
+    simulator = Simulator(system, first)
     context, found = simulator.get_mutable_context(), []
     simulator.Initialize()
     for k in range(1, count):
@@ -279,7 +273,9 @@ def test_the_system_is_the_navigator(delay: int) -> None:
 def test_evaluation_order_changes_nothing() -> None:
     """The same Context gives the same answer, whatever was asked of the system in between."""
     system, flown = navigation(), flight()
-    first, second = (told(system, flown.frames[k], np.zeros(3)) for k in (0, 30))
+    first, second = (
+        context_of(system, ranges=flown.frames[k], commanded_force=np.zeros(3)) for k in (0, 30)
+    )
     before = seen(system, first)
     seen(system, second)
     again = system.CreateDefaultContext()

@@ -16,6 +16,7 @@ from exported_once import change_json, copied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from known_guidance import write_guidance
+from one_system import context_of, evaluated
 from plain_motion import acceleration
 from short_flights import kleopatra, short_scenario
 
@@ -101,14 +102,11 @@ def test_a_mirrored_body_gives_mirrored_inputs() -> None:
 def test_forces_are_those_of_the_network_within_the_limit(bundle: Path) -> None:
     told = surroundings(short_scenario(), kleopatra())
     system = GuidancePolicy(bundle, told, 7.0)
-    context = system.CreateDefaultContext()
     network = AnyBodyGuidance(16)
     torch.nn.init.zeros_(network.network[-1].weight)  # type: ignore[arg-type]
     coasts = []
     for state in ([160e3, 0.0, 0.0, 1.0, -2.0, 0.5], [160e3, 1e4, 0.0, 39.0, 0.0, 0.0]):
-        system.GetInputPort("state").FixValue(context, state)
-        system.GetInputPort("target").FixValue(context, [160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
-        force = system.GetOutputPort("force").Eval(context)
+        force = evaluated(system, "force", state=state, target=[160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
         row = told.inputs(np.array([state]), np.array([[160e3, 8e3, 0.0]]))
         with torch.no_grad():
             wanted = 7.0 * network(torch.from_numpy(row)).numpy()[0].clip(-1.0, 1.0)
@@ -118,7 +116,7 @@ def test_forces_are_those_of_the_network_within_the_limit(bundle: Path) -> None:
         coasts.append((force == 0.0).any())
     assert np.abs(force).max() == 7.0
     assert any(coasts)
-    system.GetInputPort("state").FixValue(context, np.full(6, np.nan))
+    context = context_of(system, state=np.full(6, np.nan), target=np.zeros(6))
     np.testing.assert_array_equal(system.GetOutputPort("force").Eval(context), np.zeros(3))
     assert system.GetOutputPort("record").Eval(context)[1] == 1
 
@@ -135,11 +133,8 @@ def test_it_hurries_where_it_would_be_late(bundle: Path) -> None:
     forces = {}
     for time in (0.0, 4100.0, 4500.0, 4950.0):
         for system in (plain, late):
-            context = system.CreateDefaultContext()
-            context.SetTime(time)
-            system.GetInputPort("state").FixValue(context, state)
-            system.GetInputPort("target").FixValue(context, np.r_[goal, np.zeros(3)])
-            forces[system, time] = system.GetOutputPort("force").Eval(context)
+            inputs = {"state": state, "target": np.r_[goal, np.zeros(3)]}
+            forces[system, time] = evaluated(system, "force", time, **inputs)
     for time in (4100.0, 4500.0):
         longest = 1.7 * (5000.0 - time) / unit - least
         law = 7.0 * (6.0 * away / longest**2 - 4.0 * velocity / longest - natural)
@@ -217,10 +212,9 @@ def test_a_body_that_is_longest_along_y_is_flown_like_one_along_x(bundle: Path) 
     forces = []
     for around_, axes in ((told, np.eye(3)), (turned, turn)):
         system = GuidancePolicy(bundle, around_, 7.0)
-        context = system.CreateDefaultContext()
-        system.GetInputPort("state").FixValue(context, np.r_[axes @ state[:3], axes @ state[3:]])
-        system.GetInputPort("target").FixValue(context, np.r_[axes @ target[:3], np.zeros(3)])
-        forces.append(system.GetOutputPort("force").Eval(context))
+        begun = np.r_[axes @ state[:3], axes @ state[3:]]
+        goal = np.r_[axes @ target[:3], np.zeros(3)]
+        forces.append(evaluated(system, "force", state=begun, target=goal))
     np.testing.assert_allclose(forces[1], turn @ forces[0], atol=1e-4)
     assert len(set(np.abs(forces[0]).round(3))) > 1
 
