@@ -27,13 +27,6 @@ def environment(**changes: str) -> dict[str, str]:
     return kept | {"COLUMNS": "100"} | changes
 
 
-def run(*arguments: object, folder: Path, **changes: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*PROXOPS, *map(str, arguments)], cwd=folder, env=environment(**changes),
-        capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_examples_in_the_help_are_commands(name: str) -> None:
     """Each is parsed as if it were typed; none is run."""

@@ -9,7 +9,12 @@ from pydrake.systems.framework import Context, Diagram, LeafSystem
 
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.scenario import Scenario, load_body, load_scenario
+from proxops.diagrams.scenario import (
+    LidarNavigationConfig,
+    Scenario,
+    load_body,
+    load_scenario,
+)
 
 # 8 km past the long end of the body, then 100 s in the goal region: 120 steps.
 SHORT = {
@@ -26,6 +31,13 @@ def short_scenario(**changes: object) -> Scenario:
     """`SHORT` on the true state, with changes, whose dots are written as two underscores."""
     changes = SHORT | {k.replace("__", "."): v for k, v in changes.items()}
     return load_scenario(None, changes, on_true_state=True)
+
+
+def on_lidar(**changes: object) -> Scenario:
+    """The same, on the navigation's state."""
+    scenario = short_scenario(**changes)
+    scenario.navigation = LidarNavigationConfig()
+    return scenario
 
 
 @cache

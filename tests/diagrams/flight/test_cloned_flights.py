@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from known_policies import DeadReckoning, write_policy
 from pydrake.systems.framework import Context
-from short_flights import flown_and_taken_up, kleopatra, short_scenario
+from short_flights import flown_and_taken_up, kleopatra, on_lidar
 
 from proxops.diagrams.flight import make_transit_diagram, named_controller
-from proxops.diagrams.scenario import LidarNavigationConfig
 
 # All that remembers anything. It is at its goal from the start, and the flight ends 300 s later.
 EVERYTHING = {
@@ -34,8 +33,7 @@ def test_a_cloned_context_goes_on_alike(
     controller: str, changes: dict[str, object], tmp_path: Path
 ) -> None:
     bundle = write_policy(tmp_path / "policy", DeadReckoning())
-    scenario = short_scenario(**EVERYTHING, **changes, policy__bundle=str(bundle))
-    scenario.navigation = LidarNavigationConfig()
+    scenario = on_lidar(**EVERYTHING, **changes, policy__bundle=str(bundle))
     flown = named_controller(controller, scenario, kleopatra())
     diagram = make_transit_diagram(scenario, flown, body=kleopatra())
     # At 92 s a command of a solve that takes 4 s still waits.

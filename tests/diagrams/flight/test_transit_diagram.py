@@ -23,11 +23,6 @@ def build(controller: System | None = None, **changes: object) -> Diagram:
     return make_transit_diagram(short_scenario(**changes), controller, body=kleopatra())
 
 
-def output(diagram: Diagram, context, system: str, port: str) -> np.ndarray:
-    subsystem = diagram.GetSubsystemByName(system)
-    return subsystem.GetOutputPort(port).Eval(subsystem.GetMyContextFromRoot(context))
-
-
 # --- a user's own controller ----------------------------------------------------------------------
 
 

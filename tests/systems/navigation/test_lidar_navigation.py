@@ -9,11 +9,10 @@ from navigated_flight import ATTITUDE, MASS, NOISE, PERIOD, Flight, flight, fram
 from one_system import context_of
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
-from short_flights import BRIEF, kleopatra, short_scenario
+from short_flights import BRIEF, kleopatra, on_lidar
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.scenario import LidarNavigationConfig, Scenario
 from proxops.systems import ExpectedErrors, LidarNavigation, NavigationPhase
 from proxops.systems.lidar import DEFAULT_GEOMETRY
 from proxops.systems.navigation import Estimate, MapError, ReturnUse
@@ -290,16 +289,10 @@ def test_evaluation_order_changes_nothing() -> None:
 # --- in a flight ----------------------------------------------------------------------------------
 
 
-def on_lidar(**changes: object) -> Scenario:
-    turned = np.degrees(ATTITUDE.as_rotvec()).tolist()
-    scenario = short_scenario(truth__attitude__constant_deg=turned, **changes)
-    scenario.navigation = LidarNavigationConfig()
-    return scenario
-
-
 def test_the_log_says_what_became_of_each_return(tmp_path: Path) -> None:
     """The counts were recorded by themselves."""
     changes = {"truth__lidar__false_returns": 0.1, "mpc__solve_delay_s": 3.0}
+    changes |= {"truth__attitude__constant_deg": np.degrees(ATTITUDE.as_rotvec()).tolist()}
     data = fly(on_lidar(**BRIEF, **changes), body=kleopatra()).dataset
     use = data["navigation_return_use"].values
     rows = slice(0, -1)  # The flight may end between two steps.
