@@ -39,14 +39,12 @@ def task(
     packed: PackedFlights,
     loss: Callable[[Any, Batch], Tensor] = squares,
     batch: int = SCHEDULE.batch,
-    seed: int = 1,
 ) -> TrainingTask:
     torch.manual_seed(0)
-    training, validation = (
-        WindowDataset(packed, part, 4, 1) for part in ("training", "validation")
+    batches, held = (
+        WindowBatches(WindowDataset(packed, part, 4, 1), batch, shuffle=part == "training", seed=1)
+        for part in ("training", "validation")
     )
-    batches = WindowBatches(training, batch, shuffle=True, seed=seed)
-    held = WindowBatches(validation, batch)
     return TrainingTask(
         "straight", Straight(), loss, batches, held, SCHEDULE, "test", methods=("sequence",)
     )
