@@ -20,15 +20,15 @@ STD = np.radians(1.0)
 NOISE, REACH = 2e-4, 1.6
 
 
-def lumpy(subdivisions: int = 4) -> Polyhedron:
+def lumpy() -> Polyhedron:
     """A ball with hills, as high as a tenth of its radius."""
-    ball = Polyhedron.from_trimesh(trimesh.creation.icosphere(subdivisions, radius=250.0), "m")
+    ball = Polyhedron.from_trimesh(trimesh.creation.icosphere(4, radius=250.0), "m")
     return displaced(ball, 25.0, 80.0, seed=4).recentred()
 
 
-def ellipsoid(subdivisions: int = 4) -> Polyhedron:
+def ellipsoid() -> Polyhedron:
     """3:1:1, with so much relief that it looks different from all sides."""
-    mesh = trimesh.creation.icosphere(subdivisions)
+    mesh = trimesh.creation.icosphere(4)
     smooth = Polyhedron(mesh.vertices * [3e3, 1e3, 1e3], mesh.faces, "ellipsoid")
     return displaced(smooth, 60.0, 400.0, seed=2).recentred()
 

@@ -29,12 +29,12 @@ def program() -> TransitProgram:
 
 
 @cache
-def transits(count: int = 10) -> list[tuple[np.ndarray, np.ndarray]]:
+def transits() -> list[tuple[np.ndarray, np.ndarray]]:
     """Starts and targets (6,), at rest; 1, 4 and 7 have the body in the way."""
     rest = np.zeros(3)
     return [
         (np.concatenate([transit.start, rest]), np.concatenate([transit.goal, rest]))
-        for transit in transit_set(77, count)
+        for transit in transit_set(77, 10)
     ]
 
 
@@ -134,11 +134,11 @@ def test_blocked_plan_goes_round_the_ellipsoid_and_touches_it(start, target):
 # Optimality, where the answer is known
 
 
-def free_program(speed: float = 1e3, thrust: float = THRUST, horizon=None) -> TransitProgram:
+def free_program(horizon: Horizon) -> TransitProgram:
     """Beside a rock of 1 km that does not spin: no force but the thrusters'."""
     rock = Polyhedron.from_trimesh(trimesh.creation.box(extents=3 * [1e3]), "m")
-    limits = FlightLimits(MASS, thrust, speed, np.array([70e3, 70e3, 70e3]))
-    return TransitProgram(GravityField(rock, density=1000.0), 0.0, limits, horizon or Horizon())
+    limits = FlightLimits(MASS, THRUST, 1e3, np.array([70e3, 70e3, 70e3]))
+    return TransitProgram(GravityField(rock, density=1000.0), 0.0, limits, horizon)
 
 
 def least_effort(start, target, times) -> np.ndarray:

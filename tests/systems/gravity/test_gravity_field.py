@@ -32,8 +32,8 @@ seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=8)
 
 
-def field_of(mesh: trimesh.Trimesh, density: float = DENSITY) -> GravityField:
-    return GravityField(Polyhedron.from_trimesh(mesh, "m"), density=density)
+def field_of(mesh: trimesh.Trimesh) -> GravityField:
+    return GravityField(Polyhedron.from_trimesh(mesh, "m"), density=DENSITY)
 
 
 def relative(value: np.ndarray, reference: np.ndarray) -> float:

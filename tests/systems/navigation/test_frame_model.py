@@ -44,11 +44,11 @@ def model(shape: Polyhedron, map_error: MapError | None = None, beam: float = 0.
     return FrameModel(shape, GEOMETRY, 5.0, map_error or MapError(shape), beam)
 
 
-def estimate(modes: int = 0, position: np.ndarray = PLACE, turn: Rotation = TURN) -> Estimate:
+def estimate(modes: int = 0) -> Estimate:
     n = BASE + modes
     mean = np.zeros(n)
-    mean[:3] = position
-    return Estimate(mean, turn.as_matrix(), np.zeros((n, n)))
+    mean[:3] = PLACE
+    return Estimate(mean, TURN.as_matrix(), np.zeros((n, n)))
 
 
 def cast(shape: Polyhedron, position: np.ndarray = PLACE, turn: Rotation = TURN) -> np.ndarray:

@@ -61,10 +61,10 @@ def is_close(now: Estimate | None, state: np.ndarray) -> bool:
     return place < 20.0 and speed < 0.1 and turn < 0.02
 
 
-def inside(now: Estimate | None, state: np.ndarray, sigmas: float = 6.0) -> bool:
+def inside(now: Estimate | None, state: np.ndarray) -> bool:
     assert now is not None
     sigma = np.sqrt(np.diag(now.covariance)[:6])
-    return bool((np.abs(now.state - state) < sigmas * sigma).all())
+    return bool((np.abs(now.state - state) < 6.0 * sigma).all())
 
 
 def phases(steps: list[Step]) -> list[NavigationPhase]:
