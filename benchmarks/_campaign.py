@@ -1,24 +1,19 @@
-"""What the benchmarks that fly campaigns share: their options, a bar while they fly, a table."""
+"""What the benchmarks that fly campaigns share: their options, and a bar while they fly."""
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from proxops.diagrams.flight import Row, Workers
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Scenario
 from proxops.studies.campaigns import Variant, fly_logs, fly_variants
-from proxops.systems.common import InputError, write_whole
-from proxops.training import reports
-
-Lines = Mapping[str, Sequence[str]]
-"""Cells of a table, by the label at the start of each line."""
+from proxops.systems.common import InputError
 
 
 def campaign_parser(text: str, out: str, transits: int, seed: int) -> argparse.ArgumentParser:
@@ -74,18 +69,3 @@ def workers_with_bar(asked: argparse.Namespace) -> Iterator[Workers]:
             yield Workers(asked.workers, None, progress)
         except InputError as error:
             raise SystemExit(str(error)) from error
-
-
-def show(title: str, headings: Sequence[str], lines: Lines, markdown: Path | None) -> None:
-    """Prints a table, and writes it as Markdown too if a file is named."""
-    table = Table(title=title)
-    table.add_column("", no_wrap=True)
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    for name, line in lines.items():
-        table.add_row(name, *line)
-    Console(width=160).print(table)
-    if markdown is not None:
-        rows = [[name, *line] for name, line in lines.items()]
-        text = "\n".join(reports.markdown_table(reports.Table(["variant", *headings], rows)))
-        write_whole(markdown, lambda path: path.write_text(text + "\n"))

@@ -33,10 +33,10 @@ import trimesh
 from _bodies import GENERATED, KLEOPATRA, scenario_at
 from _peers import basilisk_model, esa_model
 from _rigid_agreement import STEP, by_proxops, commands, rigid_by_basilisk
+from _tables import Shown
 from pydrake.systems.framework import LeafSystem
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from trimesh.ray.ray_pyembree import RayMeshIntersector as EmbreeRays
@@ -364,25 +364,29 @@ def kleopatra_rows() -> list[tuple[str, str]]:
 
 
 def gravity(arguments: argparse.Namespace) -> None:
-    table = Table(title="greatest relative difference from ESA's gravity", title_justify="left")
-    for heading in ("", "points", "potential", "acceleration", "gradient"):
-        table.add_column(heading, justify="right" if heading else "left")
+    lines = {}
     for name in track(arguments.bodies, "gravity", console=Console(stderr=True)):
         body = load_body(scenario_at(name, arguments.out).body)
         for where, points in some_points(body, arguments.points).items():
             values = [f"{value:.1e}" for value in gravity_apart(body, points)]
-            table.add_row(f"{name}, {where}", str(len(points)), *values)
-    Console().print(table)
+            lines[f"{name}, {where}"] = [str(len(points)), *values]
+    headings = "points", "potential", "acceleration", "gradient"
+    Shown("greatest relative difference from ESA's gravity", headings, lines).show()
 
 
 def lidar(arguments: argparse.Namespace) -> None:
-    table = Table(title=f"{FRAMES} frames against trimesh", title_justify="left")
-    headings = ("", "hits", "hit by one alone", "apart (of half length)", "alone, Embree")
-    for heading in (*headings, "apart, Embree"):
-        table.add_column(heading, justify="right" if heading else "left")
-    for name in track(arguments.bodies, "lidar", console=Console(stderr=True)):
-        table.add_row(name, *lidar_apart(load_body(scenario_at(name, arguments.out).body)))
-    Console().print(table)
+    lines = {
+        name: lidar_apart(load_body(scenario_at(name, arguments.out).body))
+        for name in track(arguments.bodies, "lidar", console=Console(stderr=True))
+    }
+    headings = (
+        "hits",
+        "hit by one alone",
+        "apart (of half length)",
+        "alone, Embree",
+        "apart, Embree",
+    )
+    Shown(f"{FRAMES} frames against trimesh", headings, lines).show()
 
 
 def field(arguments: argparse.Namespace) -> None:
@@ -391,9 +395,7 @@ def field(arguments: argparse.Namespace) -> None:
 
 
 def motion(arguments: argparse.Namespace) -> None:
-    table = Table(title=f"apart after {arguments.hours:g} h (m)")
-    for heading in ("", "path (km)", "ours", "Basilisk, volume mended", "Basilisk as it is"):
-        table.add_column(heading, justify="left" if not heading else "right")
+    lines = {}
     for name in track(arguments.bodies, "motion", console=Console(stderr=True)):
         for share, kind in ((0.0, "free"), (0.005, "thrusted")):
             case = make_case(name, arguments.out, arguments.hours, share)
@@ -403,28 +405,21 @@ def motion(arguments: argparse.Namespace) -> None:
             found.append(by_basilisk(case, 1.0, arguments.step) if wrong else found[1])
             apart = [np.linalg.norm(end - right) for end in found]
             way = np.linalg.norm(case.inertial_start[3:]) * case.duration
-            cells = [f"{1e-3 * way:.3g}", *(f"{value:.3g}" for value in apart)]
-            table.add_row(f"{name}, {kind}", *cells)
-    Console().print(table)
+            lines[f"{name}, {kind}"] = [f"{1e-3 * way:.3g}", *(f"{value:.3g}" for value in apart)]
+    headings = "path (km)", "ours", "Basilisk, volume mended", "Basilisk as it is"
+    Shown(f"apart after {arguments.hours:g} h (m)", headings, lines).show()
 
 
 def attitude(arguments: argparse.Namespace) -> None:
-    table = Table(title=f"apart after 1 h, in steps of {STEP:g} s", title_justify="left")
-    for heading in ("", "position (m)", "attitude (rad)", "rates (rad/s)", "wheels (N m s)"):
-        table.add_column(heading, justify="right" if heading else "left")
-    for name in ("smallsat", "smallsat_16"):
-        model = load_spacecraft(name)
-        on, motors = commands(model, 3600)
-        for kind, times in (("wheels", 0.0 * on), ("wheels and thrusters", on)):
-            mine, theirs = by_proxops(model, times, motors), rigid_by_basilisk(model, times, motors)
-            turned = (mine.attitude.inv() * theirs.attitude).magnitude()
-            apart = [
-                np.abs(getattr(mine, part) - getattr(theirs, part)).max()
-                for part in ("position", "rate", "wheels")
-            ]
-            cells = (f"{value:.1e}" for value in (apart[0], turned, *apart[1:]))
-            table.add_row(f"{name}, {kind}", *cells)
-    Console().print(table)
+    model, lines = load_spacecraft("smallsat"), {}
+    on, motors = commands(model, 3600)
+    for kind, times in (("wheels", 0.0 * on), ("wheels and thrusters", on)):
+        mine, theirs = by_proxops(model, times, motors), rigid_by_basilisk(model, times, motors)
+        turned = (mine.attitude.inv() * theirs.attitude).magnitude()
+        apart = [np.abs(mine[k] - theirs[k]).max() for k in (0, 2, 3)]
+        lines[kind] = [f"{value:.1e}" for value in (apart[0], turned, *apart[1:])]
+    headings = "position (m)", "attitude (rad)", "rates (rad/s)", "wheels (N m s)"
+    Shown(f"apart after 1 h, in steps of {STEP:g} s", headings, lines).show()
 
 
 SECTIONS = {each.__name__: each for each in (gravity, lidar, field, motion, attitude)}

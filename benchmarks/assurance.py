@@ -38,9 +38,8 @@ from _adversaries import (
     small_controller,
 )
 from _assurance_end import sample_end
-from rich.console import Console
+from _tables import Shown
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from proxops.diagrams.flight import Provenance, bounded_backup
 from proxops.diagrams.scenario import (
@@ -144,27 +143,25 @@ def percentile(rows: list[dict], which: str, share: float) -> float:
 
 def report(title: str, rows: list[dict], speed_limit: float) -> int:
     """Prints a table by adversary, truth and state errors; returns the number of entries."""
-    table = Table(title=title)
-    for heading in (
-        "", "flights", "entries", "least clearance (m)", "speed over limit (m/s)",
-        "keep-out (steps)", "speed (steps)", "median unchanged (µs)", "p99 (µs)", "most (µs)",
-    ):  # fmt: skip
-        table.add_column(heading, justify="left" if not heading else "right", no_wrap=not heading)
-    groups = [("all", rows)]
+    groups, lines = {"all": rows}, {}
     for key in ("adversary", "truth", "errors"):
         for name in sorted({row[key] for row in rows}):
-            groups.append((f"{key}: {name}", [row for row in rows if row[key] == name]))
-    for name, some in groups:
+            groups[f"{key}: {name}"] = [row for row in rows if row[key] == name]
+    for name, some in groups.items():
         reasons = np.sum([row["reasons"] for row in some], axis=0)
-        table.add_row(
-            name, str(len(some)), str(sum(row["clearance"] < 0.0 for row in some)),
+        lines[name] = [
+            str(len(some)), str(sum(row["clearance"] < 0.0 for row in some)),
             f"{min(row['clearance'] for row in some):.1f}",
             f"{max(row['speed'] for row in some) - speed_limit:.4f}",
             f"{reasons[3:].sum() / reasons.sum():.1%}", f"{reasons[2] / reasons.sum():.1%}",
             f"{percentile(some, 'unchanged', 0.5):.0f}", f"{percentile(some, 'times', 0.99):.0f}",
             f"{max(row['most'] for row in some):.0f}",
-        )  # fmt: skip
-    Console(width=150).print(table)
+        ]  # fmt: skip
+    headings = (
+        "flights", "entries", "least clearance (m)", "speed over limit (m/s)", "keep-out (steps)",
+        "speed (steps)", "median unchanged (µs)", "p99 (µs)", "most (µs)",
+    )  # fmt: skip
+    Shown(title, headings, lines).show()
     return sum(row["clearance"] < 0.0 for row in rows)
 
 

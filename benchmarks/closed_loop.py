@@ -32,7 +32,8 @@ import _worlds
 import numpy as np
 from _adversaries import ADVERSARIES
 from _bodies import GENERATED, KLEOPATRA, scenario_at
-from _campaign import add_campaign_options, fly_with_bar, show
+from _campaign import add_campaign_options, fly_with_bar
+from _tables import Shown, write_markdown
 from pydrake.systems.framework import Diagram, LeafSystem
 
 from proxops.assets import ASSETS
@@ -48,9 +49,10 @@ from proxops.diagrams.scenario import (
     load_scenario,
 )
 from proxops.studies.campaigns import Variant, describe_flight
-from proxops.studies.figures import command_count, delta_v_pairs, exact_interval
+from proxops.studies.figures import Result, command_count, delta_v_pairs
+from proxops.studies.figures.results import aggregate
 from proxops.systems.common import InputError, make_folder, write_whole
-from proxops.training.reports import interval_text
+from proxops.training.reports import DASH, interval_text, number_text
 
 ADAPTIVE = {"hybrid.period_rule": "adaptive"}
 
@@ -73,20 +75,20 @@ def _ratios(rows: Sequence[Row], beside: Sequence[Row]) -> np.ndarray:
     return pairs[:, 0] / pairs[:, 1] if len(pairs) else np.empty(0)
 
 
-def _of(rows: Sequence[Row], name: str) -> np.ndarray:
-    return np.array([row[name] for row in rows if row.get(name) is not None])
+def _of(result: Result, name: str) -> np.ndarray:
+    return np.array([row[name] for row in result.flights if row.get(name) is not None])
 
 
 def _number(statistic: Callable, values: Sequence[float] | np.ndarray, form: str) -> str:
-    return format(statistic(values), form) if len(values) else "–"
+    return format(statistic(values), form) if len(values) else DASH
 
 
 def _broke(row: Row) -> bool:
     return row["keep_out_violations"] > 0 or row["collided"]
 
 
-def _arrived(rows: Sequence[Row], name: str) -> list[float]:
-    return [row[name] for row in rows if row["arrival_time_s"] is not None]
+def _arrived(result: Result, name: str) -> list[float]:
+    return [row[name] for row in result.flights if row["arrival_time_s"] is not None]
 
 
 def _faster(rows: Sequence[Row], beside: Sequence[Row]) -> list[float]:
@@ -102,86 +104,73 @@ def _blocked(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if is_blocked(row["transit"])]
 
 
-def _solves(rows: Sequence[Row]) -> float:
+def _solves(result: Result) -> float:
     """Share of steps at which the MPC was asked, in %."""
-    asked = [row for row in rows if row.get("mpc_solves") is not None]
+    asked = [row for row in result.flights if row.get("mpc_solves") is not None]
     return 100.0 * sum(row["mpc_solves"] for row in asked) / command_count(asked)
 
 
-# Of the rows of flights that were flown (f), all rows (r), and the rows of the reference (b).
-COLUMNS: dict[str, Callable[[list[Row], Sequence[Row], Sequence[Row]], str]] = {
-    "success": lambda f, r, b: f"{sum(row['success'] for row in f)}/{len(f)}",
-    "exact 95 % interval": lambda f, r, b: interval_text(
-        exact_interval(sum(row["success"] for row in f), len(f)), " to "
+# Of the result of the rows, all rows, and the rows of the reference.
+COLUMNS: dict[str, Callable[[Result, Sequence[Row], Sequence[Row]], str]] = {
+    "success": lambda r, a, b: f"{r.successes}/{r.transits}",
+    "exact 95 % interval": lambda r, a, b: interval_text(r.success_rate_exact_interval, " to "),
+    "success (2 km)": lambda r, a, b: f"{r.successes_2km}/{r.transits}",
+    "flights that entered": lambda r, a, b: str(sum(map(_broke, r.flights))),
+    "late or away": lambda r, a, b: str(
+        sum(not row["success"] and not _broke(row) for row in r.flights)
     ),
-    "success (2 km)": lambda f, r, b: f"{sum(row['success_2km'] for row in f)}/{len(f)}",
-    "flights that entered": lambda f, r, b: str(sum(map(_broke, f))),
-    "late or away": lambda f, r, b: str(
-        sum(not row["success"] and not _broke(row) for row in f)
+    "collisions": lambda r, a, b: str(r.collisions),
+    "keep-out violations": lambda r, a, b: str(r.keep_out_violations),
+    "unflyable": lambda r, a, b: str(r.unflyable),
+    "least clearance (km)": lambda r, a, b: number_text(r.min_clearance_m, ".2f", 1e-3),
+    "least clearance (% of size)": lambda r, a, b: _number(
+        min, [100.0 * row["min_clearance_m"] / row["size_m"] for row in r.flights], ".2f"
     ),
-    "collisions": lambda f, r, b: str(sum(row["collided"] for row in f)),
-    "keep-out violations": lambda f, r, b: str(sum(row["keep_out_violations"] for row in f)),
-    "unflyable": lambda f, r, b: str(len(r) - len(f)),
-    "least clearance (km)": lambda f, r, b: _number(min, 1e-3 * _of(f, "min_clearance_m"), ".2f"),
-    "least clearance (% of size)": lambda f, r, b: _number(
-        min, [100.0 * row["min_clearance_m"] / row["size_m"] for row in f], ".2f"
+    "end error, median (m)": lambda r, a, b: number_text(r.terminal_position_error_m_median, ".1f"),
+    "p95 (m)": lambda r, a, b: number_text(r.terminal_position_error_m_p95, ".1f"),
+    "greatest (m)": lambda r, a, b: number_text(r.terminal_position_error_m_max, ".1f"),
+    "end speed, greatest (m/s)": lambda r, a, b: number_text(r.terminal_speed_m_s_max, ".3f"),
+    "Δv, median (m/s)": lambda r, a, b: _number(np.median, _arrived(r, "delta_v_m_s"), ".1f"),
+    "Δv over the reference's, mean": lambda r, a, b: _number(np.mean, _ratios(a, b), ".4f"),
+    "median": lambda r, a, b: number_text(r.expert_delta_v_ratio_median, ".3f"),
+    "greatest": lambda r, a, b: _number(max, _ratios(a, b), ".3f"),
+    "greatest, blocked": lambda r, a, b: _number(max, _ratios(_blocked(a), _blocked(b)), ".3f"),
+    "Δv of all, over the reference's": lambda r, a, b: number_text(r.expert_delta_v_ratio, ".3f"),
+    "arrival, median (s)": lambda r, a, b: _number(
+        np.median, _arrived(r, "arrival_time_s"), ".0f"
     ),
-    "end error, median (m)": lambda f, r, b: _number(
-        np.median, _of(f, "terminal_position_error_m"), ".1f"
+    "steps below 3 % of the thrust (%)": lambda r, a, b: number_text(
+        r.small_command_share, ".1f", 100.0
     ),
-    "p95 (m)": lambda f, r, b: _number(
-        lambda values: np.percentile(values, 95), _of(f, "terminal_position_error_m"), ".1f"
+    "policy share (%)": lambda r, a, b: number_text(r.policy_share, ".1f", 100.0),
+    "before arrival (%)": lambda r, a, b: number_text(r.policy_share_to_arrival, ".1f", 100.0),
+    "solves (%)": lambda r, a, b: f"{_solves(r):.0f}",
+    "solves saved (%)": lambda r, a, b: (
+        f"{100.0 - _solves(r):.1f}" if len(_of(r, "mpc_solves")) else DASH
     ),
-    "greatest (m)": lambda f, r, b: _number(max, _of(f, "terminal_position_error_m"), ".1f"),
-    "end speed, greatest (m/s)": lambda f, r, b: _number(
-        max, _of(f, "terminal_speed_m_s"), ".3f"
-    ),
-    "Δv, median (m/s)": lambda f, r, b: _number(np.median, _arrived(f, "delta_v_m_s"), ".1f"),
-    "Δv over the reference's, mean": lambda f, r, b: _number(np.mean, _ratios(r, b), ".4f"),
-    "median": lambda f, r, b: _number(np.median, _ratios(r, b), ".3f"),
-    "greatest": lambda f, r, b: _number(max, _ratios(r, b), ".3f"),
-    "greatest, blocked": lambda f, r, b: _number(max, _ratios(_blocked(r), _blocked(b)), ".3f"),
-    "Δv of all, over the reference's": lambda f, r, b: _number(
-        lambda pairs: pairs[:, 0].sum() / pairs[:, 1].sum(), delta_v_pairs(r, b), ".3f"
-    ),
-    "arrival, median (s)": lambda f, r, b: _number(
-        np.median, _arrived(f, "arrival_time_s"), ".0f"
-    ),
-    "steps below 3 % of the thrust (%)": lambda f, r, b: _number(
-        lambda shares: 100.0 * np.average(shares, weights=_of(f, "steps")),
-        _of(f, "small_command_share"), ".1f",
-    ),
-    "policy share (%)": lambda f, r, b: _number(np.mean, 100.0 * _of(f, "policy_share"), ".1f"),
-    "before arrival (%)": lambda f, r, b: _number(
-        np.mean, 100.0 * _of(f, "policy_share_to_arrival"), ".1f"
-    ),
-    "solves (%)": lambda f, r, b: f"{_solves(f):.0f}",
-    "solves saved (%)": lambda f, r, b: (
-        f"{100.0 - _solves(f):.1f}" if len(_of(f, "mpc_solves")) else "–"
-    ),
-    "a step (ms)": lambda f, r, b: _number(np.median, _of(f, "control_ms_mean"), ".2f"),
-    "times less than the reference": lambda f, r, b: _number(np.median, _faster(r, b), ".1f"),
-    "navigation off, median (m)": lambda f, r, b: _number(
-        np.median, _of(f, "navigation_position_error_m_median"), ".1f"
+    "a step (ms)": lambda r, a, b: _number(np.median, _of(r, "control_ms_mean"), ".2f"),
+    "times less than the reference": lambda r, a, b: _number(np.median, _faster(a, b), ".1f"),
+    "navigation off, median (m)": lambda r, a, b: number_text(
+        r.navigation_position_error_m_median, ".1f"
     ),
     # Of a flight, the share of steps of the worst component. In a flight that never had a state,
     # the navigation is right nowhere.
-    "steps within 3σ of the navigation (%)": lambda f, r, b: _number(
-        np.mean, [100.0 * row.get("navigation_consistent", 0.0) for row in f], ".1f"
+    "steps within 3σ of the navigation (%)": lambda r, a, b: _number(
+        np.mean, [100.0 * row.get("navigation_consistent", 0.0) for row in r.flights], ".1f"
     ),
-    "changed steps": lambda f, r, b: _number(sum, _of(f, "interventions"), "d"),
-    "flights with any": lambda f, r, b: _number(sum, _of(f, "interventions") > 0, "d"),
-    "to keep out": lambda f, r, b: _number(sum, _of(f, "interventions_keep_out"), "d"),
-    "flights changed to keep out": lambda f, r, b: _number(
-        sum, _of(f, "interventions_keep_out") > 0, "d"
+    "changed steps": lambda r, a, b: _number(sum, _of(r, "interventions"), "d"),
+    "flights with any": lambda r, a, b: _number(sum, _of(r, "interventions") > 0, "d"),
+    "to keep out": lambda r, a, b: _number(sum, _of(r, "interventions_keep_out"), "d"),
+    "flights changed to keep out": lambda r, a, b: _number(
+        sum, _of(r, "interventions_keep_out") > 0, "d"
     ),
 }  # fmt: skip
 
 
 def figures(columns: Sequence[str], rows: Sequence[Row], beside: Sequence[Row]) -> list[str]:
     """One line of a table; a world that cannot be flown is counted as `unflyable` alone."""
-    flown = [row for row in rows if "unflyable" not in row]
-    return [COLUMNS[name](flown, rows, beside) for name in columns]
+    result = aggregate(rows, beside)
+    return [COLUMNS[name](result, rows, beside) for name in columns]
 
 
 # ---------------------------------------------------------------------------------------- studies
@@ -537,7 +526,9 @@ def main() -> None:
         raise SystemExit(str(error)) from error
     assert study is not None
     title = f"{asked.study}: transits 0 … {asked.transits - 1} of seed {asked.seed}"
-    show(title, study.columns, table(study, flown), asked.markdown)
+    found = Shown(title, study.columns, table(study, flown))
+    found.show()
+    write_markdown([found], asked.markdown)
 
 
 if __name__ == "__main__":

@@ -28,8 +28,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 from _kept import keep
-from rich.console import Console
-from rich.table import Table
+from _tables import Shown
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import (
@@ -115,14 +114,12 @@ def steps_a_second(observation: str, transits: int, steps: int) -> float:
 
 def print_batch(transits: int, steps: int) -> None:
     """Steps a second of the batch of transits for learners (`TransitBatch`), on one core."""
-    table = Table(title=f"{transits} transits at once, one core")
-    table.add_column("observation")
-    table.add_column("steps a second", justify="right")
+    lines = {}
     for observation, share in (("state", 1.0), ("lidar", 0.1)):
         found = steps_a_second(observation, transits, max(1, round(share * steps)))
         keep({f"steps a second of a batch of transits, {observation}": found})
-        table.add_row(observation, f"{found:,.0f}")
-    Console().print(table)
+        lines[observation] = [f"{found:,.0f}"]
+    Shown(f"{transits} transits at once, one core", ["steps a second"], lines).show()
 
 
 def main() -> None:
@@ -136,17 +133,7 @@ def main() -> None:
         return print_batch(asked.batch, asked.steps)
     count, gravity = asked.transits, {"gravity": asked.gravity}
     where = "" if asked.gravity == "exact" else ", gravity: table"
-    peak = 0.0
-    costs = Table(title=f"a transit, mean of {count} of seed 10000{where}")
-    heads = (
-        "controller",
-        "one core (s)",
-        "against real time",
-        "log (MB)",
-        "drawn world over plain",
-    )
-    for name in heads:
-        costs.add_column(name, justify="left" if name == "controller" else "right")
+    peak, costs = 0.0, {}
     step, body = np.zeros(0), load_body("kleopatra").with_gravity(asked.gravity)
     for controller in CONTROLLERS:
         # Warm up.
@@ -169,29 +156,28 @@ def main() -> None:
             walls.append(log.summary["wall_s"] + time.perf_counter() - started)
         keep({f"a flight by {controller}{where}, over real time": np.sum(spans) / np.sum(walls)})
         plain, drawn = flight_times(controller, count, body, asked.gravity).sum(axis=0)
-        costs.add_row(
-            controller,
+        costs[controller] = [
             f"{np.mean(walls):.2f}",
             f"{np.sum(spans) / np.sum(walls):.0f} x",
             f"{np.mean(sizes) / 1e6:.1f}",
             f"{drawn / plain:.2f} x",
-        )
-    Console().print(costs)
+        ]
+    headings = "one core (s)", "against real time", "log (MB)", "drawn world over plain"
+    Shown(f"a transit, mean of {count} of seed 10000{where}", headings, costs).show()
     median, p99 = np.nanmedian(step), np.nanpercentile(step, 99)
-    table = Table(title=f"the MPC, {step.size} control steps")
-    table.add_column("figure")
-    table.add_column("value", justify="right")
-    table.add_row("MPC control step, median", f"{1e3 * median:.2f} ms")
-    table.add_row("MPC control step, 99th percentile", f"{1e3 * p99:.2f} ms")
-    table.add_row("the paper's MPC step over ours", f"{PAPER_MPC_S / median:.0f} x")
-    table.add_row("peak memory of these flights", f"{peak:.0f} MiB")
     made = body_times(max(count, 5), body)
-    table.add_row(
-        "making a true body, median and greatest",
-        f"{statistics.median(made):.2f} s, {max(made):.2f} s",
-    )
-    table.add_row("import proxops.systems", f"{import_time():.2f} s")
-    Console().print(table)
+    figures = {
+        "MPC control step, median": f"{1e3 * median:.2f} ms",
+        "MPC control step, 99th percentile": f"{1e3 * p99:.2f} ms",
+        "the paper's MPC step over ours": f"{PAPER_MPC_S / median:.0f} x",
+        "peak memory of these flights": f"{peak:.0f} MiB",
+        "making a true body, median and greatest": (
+            f"{statistics.median(made):.2f} s, {max(made):.2f} s"
+        ),
+        "import proxops.systems": f"{import_time():.2f} s",
+    }
+    lines = {name: [value] for name, value in figures.items()}
+    Shown(f"the MPC, {step.size} control steps", ["value"], lines).show()
     return None
 
 

@@ -20,14 +20,11 @@ import numpy as np
 import trimesh
 from _kept import keep
 from _peers import basilisk_model, esa_model
-from rich.console import Console
-from rich.table import Table
+from _tables import Shown
 
 from proxops.diagrams.scenario import load_body
 from proxops.systems import GravityField, Polyhedron, TabulatedField
 from proxops.systems.common import one_thread, threads_to_use
-
-CONSOLE = Console()
 
 
 def medians(calls: dict[str, Callable], rounds: int) -> dict[str, float]:
@@ -77,15 +74,13 @@ def one_point(field: GravityField, name: str, table_axes: np.ndarray | None = No
         calls["table"] = lambda: tabulated.evaluate(point)
         rows.insert(0, ("our table: all three", "table", tabulated.evaluate(points).acceleration))
     found = medians(calls, rounds=50)
-    table = Table(title=f"{name}, {len(field.shape.facets)} facets, one point, one thread")
-    for heading in ("", "time (µs)", "over ours", "difference, at most"):
-        table.add_column(heading, justify="left" if not heading else "right")
-    table.add_row("ours: all three", f"{1e6 * found['ours']:.1f}", "1", "")
+    lines = {"ours: all three": [f"{1e6 * found['ours']:.1f}", "1", ""]}
     for label, key, values in rows:
         ratio = found[key] / found["ours"]
         agreement = f"{difference(ours, values):.1e}"
-        table.add_row(label, f"{1e6 * found[key]:.1f}", f"{ratio:.3g} x", agreement)
-    CONSOLE.print(table)
+        lines[label] = [f"{1e6 * found[key]:.1f}", f"{ratio:.3g} x", agreement]
+    title = f"{name}, {len(field.shape.facets)} facets, one point, one thread"
+    Shown(title, ("time (µs)", "over ours", "difference, at most"), lines).show()
     if table_axes is not None:
         keep(
             {
@@ -112,16 +107,14 @@ def batches(field: GravityField, semi_axes: np.ndarray) -> None:
         times[1] = medians({"ours": lambda: field.evaluate(points)}, rounds=1)["ours"]
     few = points[:500]
     other = medians({"esa": lambda: peer(few, True)}, rounds=1)["esa"] / len(few)
-    table = Table(title=f"{len(points)} points in the cube, a point")
-    table.add_column("threads", justify="right")
-    table.add_column("ours (µs)", justify="right")
-    table.add_column("better than one thread", justify="right")
-    for threads, seconds in times.items():
-        each = 1e6 * seconds / len(points)
-        table.add_row(str(threads), f"{each:.1f}", f"{times[1] / seconds:.2f} x")
-    table.add_row("1: our table, outside", f"{1e6 * looked_up / len(outside):.2f}", "")
-    table.add_row(f"{most}: polyhedral-gravity", f"{1e6 * other:.1f}", "")
-    CONSOLE.print(table)
+    lines = {
+        str(threads): [f"{1e6 * seconds / len(points):.1f}", f"{times[1] / seconds:.2f} x"]
+        for threads, seconds in times.items()
+    }
+    lines["1: our table, outside"] = [f"{1e6 * looked_up / len(outside):.2f}", ""]
+    lines[f"{most}: polyhedral-gravity"] = [f"{1e6 * other:.1f}", ""]
+    title = f"{len(points)} points in the cube, a point, by threads"
+    Shown(title, ("time (µs)", "better than one thread"), lines).show()
     keep(
         {
             "gravity of one in a batch, with gradient (µs)": 1e6 * times[1] / len(points),
@@ -131,7 +124,7 @@ def batches(field: GravityField, semi_axes: np.ndarray) -> None:
     tracemalloc.start()
     field.evaluate(points)
     peak = tracemalloc.get_traced_memory()[1]
-    CONSOLE.print(f"memory of a batch: {peak / len(points):.0f} bytes a point at the peak")
+    print(f"memory of a batch: {peak / len(points):.0f} bytes a point at the peak")
 
 
 def main() -> None:

@@ -13,15 +13,14 @@ import os
 import statistics
 import time
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
 import numpy as np
 from _kept import keep
-from rich.console import Console
-from rich.table import Table
+from _tables import Shown
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from proxops.diagrams.scenario import Body, load_body
@@ -29,7 +28,6 @@ from proxops.systems import Lidar, LidarErrors, ray_directions
 from proxops.systems.common import rotation_matrix
 from proxops.systems.shapes import RayCaster, ray_caster
 
-CONSOLE = Console()
 KEEP_OUT_MARGIN = 8e3
 WIDTHS = (0.0, 1e-3, 5e-3)
 
@@ -41,10 +39,15 @@ def poses_outside(body: Body, count: int) -> np.ndarray:
     return poses[np.linalg.norm(poses / axes, axis=1) > 1.0][:count]
 
 
-def timed(call: Callable) -> float:
-    started = time.perf_counter()
-    call()
-    return time.perf_counter() - started
+def medians(calls: dict[str, Callable], arguments: Iterable[tuple]) -> dict[str, float]:
+    """Median time in s of each call over the arguments, in turn."""
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for given in arguments:
+        for name, call in calls.items():
+            started = time.perf_counter()
+            call(*given)
+            times[name].append(time.perf_counter() - started)
+    return {name: statistics.median(values) for name, values in times.items()}
 
 
 def single_frames(body: Body, poses: np.ndarray) -> None:
@@ -81,26 +84,21 @@ def single_frames(body: Body, poses: np.ndarray) -> None:
         "trimesh: intersects_location, ranges": locations,
         "trimesh: intersects_first, facets only": first,
     }
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    apart = 0.0
+    found, apart = medians(calls, zip(poses)), 0.0
     for pose in poses:
-        for name, call in calls.items():
-            times[name].append(timed(lambda call=call, pose=pose: call(pose)))
         theirs, ours = locations(pose), fan.frames(pose[None])[0]
         both = np.isfinite(theirs) & np.isfinite(ours)
         apart = max(apart, float(np.abs(theirs[both] - ours[both]).max(initial=0.0)))
-    best = statistics.median(times["ours: RayFan.frames, ranges"])
-    table = Table(title=f"one frame of {len(directions)} rays, median of {len(poses)} poses")
-    for heading in ("", "time (ms)", "M rays/s", "over RayFan"):
-        table.add_column(heading, justify="right" if heading else "left")
-    for name in calls:
-        median = statistics.median(times[name])
-        rate = len(directions) / median / 1e6
-        table.add_row(name, f"{1e3 * median:.3f}", f"{rate:.1f}", f"{median / best:.1f} x")
-    CONSOLE.print(table)
-    CONSOLE.print(f"ranges differ from trimesh's by at most {apart:.3f} m")
-    theirs = statistics.median(times["trimesh: intersects_location, ranges"])
-    port = statistics.median(times["ours: Lidar's port, with noise"])
+    best = found["ours: RayFan.frames, ranges"]
+    lines = {
+        name: [f"{1e3 * time:.3f}", f"{len(directions) / time / 1e6:.1f}", f"{time / best:.1f} x"]
+        for name, time in found.items()
+    }
+    title = f"one frame of {len(directions)} rays, median of {len(poses)} poses"
+    Shown(title, ("time (ms)", "M rays/s", "over RayFan"), lines).show()
+    print(f"ranges differ from trimesh's by at most {apart:.3f} m")
+    theirs = found["trimesh: intersects_location, ranges"]
+    port = found["ours: Lidar's port, with noise"]
     keep(
         {
             "a lidar frame of 4,320 rays (ms)": 1e3 * best,
@@ -126,21 +124,14 @@ def turned_and_wide(body: Body) -> None:
         "Lidar.frames, beams of 1 mrad": lambda pose: lidars[1e-3].frames(now, pose, 0),
         "Lidar.frames, beams of 5 mrad": lambda pose: lidars[5e-3].frames(now, pose, 0),
     }
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for call in calls.values():
-        call(poses[:1])  # Compiles.
-    for _ in range(5):
-        for pose in poses:
-            for name, call in calls.items():
-                times[name].append(timed(lambda call=call, pose=pose: call(pose[None])))
-    table = Table(title=f"one frame, median over {len(poses)} poses 100 to 200 km out")
-    for heading in ("", "time (ms)", "over plain"):
-        table.add_column(heading, justify="right" if heading else "left")
-    for name in calls:
-        median = statistics.median(times[name])
-        plain = statistics.median(times[name.split(",")[0]])
-        table.add_row(name, f"{1e3 * median:.3f}", f"{median / plain:.2f} x")
-    CONSOLE.print(table)
+    medians(calls, [(poses[:1],)])  # Compiles.
+    found = medians(calls, 5 * [(pose[None],) for pose in poses])
+    lines = {
+        name: [f"{1e3 * time:.3f}", f"{time / found[name.split(',')[0]]:.2f} x"]
+        for name, time in found.items()
+    }
+    title = f"one frame, median over {len(poses)} poses 100 to 200 km out"
+    Shown(title, ("time (ms)", "over plain"), lines).show()
 
 
 def batches(body: Body, poses: np.ndarray) -> None:
@@ -152,30 +143,29 @@ def batches(body: Body, poses: np.ndarray) -> None:
     origins = np.repeat(few, len(directions), axis=0)
     rays = np.tile(directions, (len(few), 1))
     lidar, times = Lidar(body.shape), 10.0 * np.arange(len(poses))
-    calls: dict[str, tuple[int, Callable]] = {
-        "ours: RayFan.frames": (len(poses), lambda: fan.frames(poses)),
-        "ours: Lidar.frames, with noise": (len(poses), lambda: lidar.frames(times, poses, 0)),
-        "trimesh: intersects_location": (
-            len(few), lambda: peer.intersects_location(origins, rays, multiple_hits=False)
+    calls: dict[str, Callable] = {
+        "ours: RayFan.frames": lambda: fan.frames(poses),
+        "ours: Lidar.frames, with noise": lambda: lidar.frames(times, poses, 0),
+        "trimesh: intersects_location": lambda: peer.intersects_location(
+            origins, rays, multiple_hits=False
         ),
-        "trimesh: intersects_first": (len(few), lambda: peer.intersects_first(origins, rays)),
-    }  # fmt: skip
-    found: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(5):
-        for name, (count, call) in calls.items():
-            found[name].append(timed(call) / (count * len(directions)))
-    best = statistics.median(found["ours: RayFan.frames"])
-    table = Table(title=f"batches: {len(poses)} poses (trimesh: {len(few)}), one core")
-    for heading in ("", "M rays/s", "over ours"):
-        table.add_column(heading, justify="right" if heading else "left")
-    for name in calls:
-        median = statistics.median(found[name])
-        table.add_row(name, f"{1e-6 / median:.1f}", f"{median / best:.1f} x")
-    CONSOLE.print(table)
+        "trimesh: intersects_first": lambda: peer.intersects_first(origins, rays),
+    }
+    frame = {
+        name: time / len(few if name.startswith("trimesh") else poses)
+        for name, time in medians(calls, 5 * [()]).items()
+    }
+    best = frame["ours: RayFan.frames"]
+    lines = {
+        name: [f"{1e-6 * len(directions) / time:.1f}", f"{time / best:.1f} x"]
+        for name, time in frame.items()
+    }
+    title = f"batches: {len(poses)} poses (trimesh: {len(few)}), one core"
+    Shown(title, ("M rays/s", "over ours"), lines).show()
     tracemalloc.start()
     frames = fan.frames(poses)
     beside = tracemalloc.get_traced_memory()[1] - frames.nbytes
-    CONSOLE.print(f"memory beside the frames at the peak: {beside / 2**20:.1f} MiB")
+    print(f"memory beside the frames at the peak: {beside / 2**20:.1f} MiB")
 
 
 def main() -> None:

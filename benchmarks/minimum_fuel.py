@@ -38,10 +38,9 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from _campaign import campaign_parser, logs_with_bar
+from _tables import Shown, write_markdown
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
-from rich.console import Console
-from rich.table import Table
 from scipy.integrate import solve_ivp
 
 from proxops.diagrams.logs import FlightLog
@@ -225,20 +224,20 @@ def plot_gaps(gaps: dict[int, float], weighted: dict[int, float], path: Path) ->
 
 EXPERT, WEIGHTED = "time_and_fuel", "weighted"
 HEADINGS = (
-    "transit", "time s", "flown m/s", "least m/s", "gap", "optima", "same", "spread", "end m",
+    "time s", "flown m/s", "least m/s", "gap", "optima", "same", "spread", "end m",
     "clear km", "solve s", "weighted m/s",
 )  # fmt: skip
 
 
-def table_line(index: int, log: FlightLog, tried: list[Optimum], weighted: dict) -> list[str]:
-    """The line of one transit; `tried` is not empty if the flight arrived."""
+def table_line(log: FlightLog, tried: list[Optimum], weighted: dict) -> list[str]:
+    """The line of the transit; `tried` is not empty if the flight arrived."""
     found = sorted((o for o in tried if o.converged), key=lambda o: o.delta_v)
     if not found:
-        return [str(index), "no optimum" if tried else "no arrival"]
+        return ["no optimum" if tried else "no arrival"]
     best, flown = found[0], log.summary["delta_v_m_s"]
     same = [o.delta_v / best.delta_v for o in found if o.delta_v < (1.0 + SAME) * best.delta_v]
     return [
-        str(index), f"{log.summary['arrival_time_s']:.0f}", f"{flown:.1f}",
+        f"{log.summary['arrival_time_s']:.0f}", f"{flown:.1f}",
         f"{best.delta_v:.2f}", f"{flown / best.delta_v:.3f}", f"{len(found)}/{len(tried)}",
         str(len(same)), f"{100.0 * (same[-1] - 1.0):.2f} %", f"{best.end_error[0]:.2f}",
         f"{best.clearance / 1e3:.3f}", f"{np.median([o.seconds for o in tried]):.1f}",
@@ -248,7 +247,7 @@ def table_line(index: int, log: FlightLog, tried: list[Optimum], weighted: dict)
 
 def print_ratios(label: str, ratios: Mapping[int, float], transits: int) -> None:
     values = np.array(list(ratios.values()) or [np.nan])
-    Console(width=130).print(
+    print(
         f"{label}, {len(ratios)} of {transits} transits: Δv over the least in the time that our "
         f"expert takes: mean {values.mean():.3f}, max {values.max():.3f}"
     )
@@ -269,23 +268,22 @@ def main() -> None:
     body = load_body(scenario.body)
     variants = [Variant(EXPERT, "mpc"), Variant(WEIGHTED, "mpc", {"mpc.cost": "weighted"})]
     logs = logs_with_bar(variants, scenario, asked)
-    table = Table(title=f"transits of seed {asked.seed}, {asked.intervals} intervals")
-    for heading in HEADINGS:
-        table.add_column(heading, justify="right")
+    lines: dict[str, list[str]] = {}
     gaps: dict[int, float] = {}
     weighted_gaps: dict[int, float] = {}
     for index, log in logs[EXPERT].items():
         weighted = logs[WEIGHTED][index].summary
         tried = optima(scenario, body, log, asked.intervals) if log.summary["success"] else []
-        table.add_row(*table_line(index, log, tried, weighted))
+        lines[str(index)] = table_line(log, tried, weighted)
         least = min((o.delta_v for o in tried if o.converged), default=None)
         if least is not None:
             gaps[index] = log.summary["delta_v_m_s"] / least
             if weighted["arrival_time_s"] is not None:
                 weighted_gaps[index] = weighted["delta_v_m_s"] / least
-    Console(width=130).print(
-        table, "optima: of all guesses; same: within 1 % of the least; spread: theirs"
-    )
+    table = Shown(f"transits of seed {asked.seed}, {asked.intervals} intervals", HEADINGS, lines)
+    table.show()
+    write_markdown([table], asked.markdown)
+    print("optima: of all guesses; same: within 1 % of the least; spread: theirs")
     print_ratios("the expert", gaps, asked.transits)
     used = ", ".join(f"{key} {value:g}" for key, value in asdict(scenario.mpc.weighted).items())
     print_ratios(f"the weighted cost ({used})", weighted_gaps, asked.transits)

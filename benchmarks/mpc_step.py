@@ -29,8 +29,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 from _kept import keep
-from rich.console import Console
-from rich.table import Table
+from _tables import Shown
 
 from proxops.diagrams.flight import fly, make_mpc
 from proxops.diagrams.scenario import load_body, load_scenario
@@ -217,25 +216,18 @@ def main() -> None:
     report_parts(parts, float(np.median(times[:, 0])))
 
 
-def new_table(title: str, headings: str) -> Table:
-    table = Table("", title=title)
-    for heading in headings.split("|"):
-        table.add_column(heading, justify="right")
-    return table
-
-
 def report(times: np.ndarray, iterations: np.ndarray, apart: np.ndarray, where: str) -> None:
-    headings = "median (ms)|p99 (ms)|over ours|iterations|failed|apart (N)"
-    table = new_table(f"{len(times)} control steps, one thread{where}", headings)
     medians, p99 = 1e3 * np.median(times, axis=0), 1e3 * np.percentile(times, 99, axis=0)
-    for i, name in enumerate(["ours", *SETTINGS]):
-        table.add_row(
-            name, f"{medians[i]:.2f}", f"{p99[i]:.2f}", f"{medians[i] / medians[0]:.1f} x",
+    lines = {
+        name: [
+            f"{medians[i]:.2f}", f"{p99[i]:.2f}", f"{medians[i] / medians[0]:.1f} x",
             f"{np.median(iterations[:, i]):.0f}", str(np.isnan(apart[:, i]).sum()),
             f"{np.nanmedian(apart[:, i]):.3f}, max {np.nanmax(apart[:, i]):.2f}",
-        )  # fmt: skip
+        ]
+        for i, name in enumerate(["ours", *SETTINGS])
+    }  # fmt: skip
     ratio = f"{1e3 * PAPER_MPC_S / medians[0]:.0f} x"
-    table.add_row("the paper's", f"{1e3 * PAPER_MPC_S:.0f}", "", ratio)
+    lines["the paper's"] = [f"{1e3 * PAPER_MPC_S:.0f}", "", ratio]
     keep(
         {
             f"an MPC step{where}, median (ms)": medians[0],
@@ -245,21 +237,25 @@ def report(times: np.ndarray, iterations: np.ndarray, apart: np.ndarray, where: 
             f"an MPC step{where}: the same, tuned by hand, over ours": medians[2] / medians[0],
         }
     )
-    Console(width=110).print(table, "apart: first force of the plan, the axis that differs most")
+    headings = "median (ms)", "p99 (ms)", "over ours", "iterations", "failed", "apart (N)"
+    Shown(f"{len(times)} control steps, one thread{where}", headings, lines).show()
+    print("apart: first force of the plan, the axis that differs most")
 
 
 def report_parts(parts: Parts, ours: float) -> None:
-    table = new_table("where our time goes (medians)", "ms|share")
     medians = {name: float(np.median(times)) for name, times in parts.times.items()}
     gravity, linearise, solve = (medians[name] for name in ("gravity", "linearise", "solve"))
-    for name, seconds in (
-        ("gravity and its gradient", gravity),
-        ("linearisation and update of the program", linearise - gravity),
-        ("Clarabel, with Drake's translation", solve),
-        ("shift, bounds, extraction", ours - linearise - solve),
-    ):
-        table.add_row(name, f"{1e3 * seconds:.2f}", f"{100.0 * seconds / ours:.0f} %")
-    Console().print(table)
+    parts_of_step = {
+        "gravity and its gradient": gravity,
+        "linearisation and update of the program": linearise - gravity,
+        "Clarabel, with Drake's translation": solve,
+        "shift, bounds, extraction": ours - linearise - solve,
+    }
+    lines = {
+        name: [f"{1e3 * seconds:.2f}", f"{100.0 * seconds / ours:.0f} %"]
+        for name, seconds in parts_of_step.items()
+    }
+    Shown("where our time goes (medians)", ("ms", "share"), lines).show()
 
 
 if __name__ == "__main__":

@@ -25,17 +25,17 @@ interrupted, or to add transits. Poses are not kept.
 """
 
 import argparse
+import functools
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
 import numpy as np
 from _bodies import GENERATED, KLEOPATRA, scenario_at
-from _campaign import Lines, campaign_parser, show, workers_with_bar
+from _campaign import campaign_parser, fly_with_bar, workers_with_bar
 from _kept import keep
 from _navigation_flights import (
     COMPONENTS,
@@ -55,13 +55,13 @@ from _navigation_poses import (
     acquire_poses,
     following_times,
 )
+from _tables import Shown, write_markdown
 
-from proxops.diagrams.flight import Row, run_groups
+from proxops.diagrams.flight import Row
 from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario
-from proxops.studies.campaigns import Variant, variant_flights
+from proxops.studies.campaigns import Variant
 from proxops.studies.figures import delta_v_pairs
-from proxops.systems.common import InputError, write_whole
-from proxops.training import reports
+from proxops.systems.common import InputError
 
 BODIES = (KLEOPATRA, *GENERATED)
 TIMED_POSES, TIMED_FLIGHTS = 200, 2
@@ -91,24 +91,7 @@ HONESTY_HEADINGS = (
 )  # fmt: skip
 
 
-class Shown(NamedTuple):
-    """A table of the report."""
-
-    title: str
-    headings: Sequence[str]
-    lines: Lines
-
-
-def flown(
-    variants: Sequence[Variant], scenario: Scenario, asked: argparse.Namespace
-) -> dict[str, list[Row]]:
-    """Rows of `describe_navigation` by the variant's name; wrong input ends the program."""
-    with workers_with_bar(asked) as workers:
-        flights = {
-            each.name: variant_flights(each, scenario, asked.seed, range(asked.transits))
-            for each in variants
-        }
-        return run_groups(flights, asked.out, describe=describe_navigation, workers=workers)
+flown = functools.partial(fly_with_bar, describe=describe_navigation)
 
 
 def flight_figures(rows: Sequence[Row]) -> list[str]:
@@ -328,18 +311,6 @@ SECTIONS: dict[str, Callable[[argparse.Namespace], list[Shown]]] = {
 }
 
 
-def write_markdown(tables: Sequence[Shown], asked: argparse.Namespace) -> None:
-    """Writes all tables into the file of `--markdown`, if there is one."""
-    if asked.markdown is None:
-        return
-    parts = []
-    for each in tables:
-        rows = [[name, *line] for name, line in each.lines.items()]
-        table = reports.markdown_table(reports.Table(["", *each.headings], rows))
-        parts += [f"## {each.title}", "", *table, ""]
-    write_whole(asked.markdown, lambda path: path.write_text("\n".join(parts)))
-
-
 def main() -> None:
     parser = campaign_parser(__doc__, "out/navigation", transits=20, seed=7001)
     parser.add_argument("--only", nargs="+", choices=SECTIONS, default=list(SECTIONS))
@@ -353,11 +324,11 @@ def main() -> None:
     try:
         for section in asked.only:
             for table in SECTIONS[section](asked):
-                show(*table, None)
+                table.show()
                 tables.append(table)
     except InputError as error:
         raise SystemExit(str(error)) from error
-    write_markdown(tables, asked)
+    write_markdown(tables, asked.markdown)
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ QUANTITIES = (
     Quantity("truth.thrusters.failure_time_s", needs="truth.thrusters.failed_axis"),
     Quantity("truth.rigid_body.inertia", 1.0, bounds=HARMLESS),
     Quantity("truth.rigid_body.centre_of_mass_m", bounds=HARMLESS),
-    Quantity("truth.rigid_body.thruster_scale_std", 0.0, "thrust", "thrust"),
+    Quantity("truth.rigid_body.thruster_scale_std", 0.0, "thrust_varying", "thrust"),
     Quantity(
         "truth.rigid_body.thruster_direction_std_deg",
         0.0,

@@ -92,6 +92,14 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
         steps = round(scenario.control_period_s / craft.attitude_period_s)
         _, white = settled_noise(noise, craft.attitude_period_s, steps)
         errors.attitude_noise_deg = math.degrees(white)
+        # Which thrusters push changes; what they have in common on the whole remains.
+        across = dispersions.rms("truth.rigid_body.thruster_direction_std_deg") or 0.0
+        varying = math.hypot(errors.thrust_varying, math.radians(across))
+        errors.thrust = math.hypot(errors.thrust, varying)
+        if craft.pointing.mode != "hold":
+            # What is constant along S varies along K, where it is estimated.
+            varying = math.hypot(errors.thrust, math.radians(errors.thrust_direction_deg))
+        errors.thrust_varying = varying
     contrast = dispersions.rms("truth.density_contrast")
     if contrast is not None:
         errors.centre_of_mass_m = _shift(body.shape, body.gravity_field.mass, contrast)

@@ -32,6 +32,9 @@ class ExpectedErrors:
     centre_of_mass_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
     # Of the thrust along each axis, over the thrust. An error of the spacecraft's mass counts here.
     thrust: float = number(0.0, at_least=0.0, at_most=1e3)
+    # Of what varies in it because other thrusters push, over the thrust of all. It varies as
+    # `acceleration_varying_m_s2` does.
+    thrust_varying: float = number(0.0, at_least=0.0, at_most=1e3)
     # Of the share of the spacecraft's mass that each m/s of velocity change uses up: 1 over the
     # exhaust speed.
     propellant_s_per_m: float = number(0.0, at_least=0.0, at_most=1.0, unit="s/m")

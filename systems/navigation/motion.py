@@ -57,6 +57,7 @@ class Motion:
         steps = min(steps, _MOST_STEPS)
         step = duration / steps
         spent = thrust * step / self._mass
+        pushed = self._expected.thrust_varying * thrust / self._mass
         for k in range(steps):
             mean = estimate.mean
             half = 0.5 * step * mean[VELOCITY]
@@ -67,7 +68,7 @@ class Motion:
                 local,
                 force,
                 Interval(time + k * step, step),
-                self._noise(step, steps, self._uneven(middle, local.acceleration)),
+                self._noise(step, steps, self._uneven(middle, local.acceleration) + pushed**2),
                 self._spin,
                 self._mass,
             )
@@ -95,14 +96,17 @@ class Motion:
         ratio = shift * self._half_length / float(position @ position)
         return float(gravity @ gravity) * ratio**2 / 3.0
 
-    def _noise(self, step: float, steps: int, uneven: float) -> ProcessNoise:
-        """The process noise of a step of a length in s, one of so many from frame to frame."""
+    def _noise(self, step: float, steps: int, unmodelled: float) -> ProcessNoise:
+        """The process noise of a step of a length in s, one of so many from frame to frame.
+
+        `unmodelled` is the variance in (m/s^2)^2 of what is added to the acceleration that varies.
+        """
         expected = self._expected
         decay = math.exp(-step / expected.acceleration_correlation_s)
         attitude = math.radians(expected.attitude_varying_deg)
         # Two errors, that of a frame and that of the next, are in the difference.
         noise = 2.0 * math.radians(expected.attitude_noise_deg) ** 2 / steps
-        varying = expected.acceleration_varying_m_s2**2 + uneven
+        varying = expected.acceleration_varying_m_s2**2 + unmodelled
         return ProcessNoise(
             2.0 * attitude**2 * step / expected.attitude_correlation_s + noise,
             decay,

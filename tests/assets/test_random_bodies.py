@@ -6,12 +6,7 @@ import trimesh
 
 from proxops.assets.random_bodies import BREAK_UP_SHARE, KINDS, RandomBody, random_body
 from proxops.systems.gravity import GravityField
-from proxops.systems.shapes import (
-    Polyhedron,
-    find_defects,
-    self_intersections,
-    smallest_angles,
-)
+from proxops.systems.shapes import Polyhedron, find_defects, self_intersections, smallest_angles
 
 SEED = 5
 COUNT = 40

@@ -9,9 +9,7 @@ import pytest
 from scripts import load_script
 from short_flights import kleopatra
 
-from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.transits import of_transit
-from proxops.diagrams.scenario.world import draw_world
+from proxops.diagrams.scenario import draw_world, load_scenario, of_transit
 from proxops.studies.campaigns.variants import Variant, variant_flights
 from proxops.systems.navigation import LidarNavigationConfig
 

@@ -1,57 +1,28 @@
 """The command line: what it writes, what it says, and how it refuses bad input."""
 
 import json
-import subprocess
-import sys
 import warnings
 from collections.abc import Callable
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
 import short_flights
-from commands import proxops, settings
-from short_flights import kleopatra, short_scenario, write_blob
+from commands import Ran, settings
+from short_flights import short_scenario, write_blob
 from summary_names import NAVIGATION_SUMMARY, SUMMARY
 from synthetic_log import synthetic_log
 
 from proxops.cli import common
-from proxops.cli.common import console, work_bar
-from proxops.diagrams.logs.flight_log import FlightLog, differences
-from proxops.diagrams.logs.lengths import length_text
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import change_scenario, load_scenario
-from proxops.diagrams.scenario.transits import scenario_transit
+from proxops.cli.common import work_bar
+from proxops.diagrams.logs import FlightLog, differences, length_text
+from proxops.diagrams.scenario import change_scenario, load_body, load_scenario, scenario_transit
 from proxops.systems.gravity import tabulated_field
 
 BRIEF = settings(
     {"arrival.deadline_s": 100, "arrival.dwell_s": 50, "mpc.intervals": 10},
 )
 SHORT = settings(short_flights.SHORT)
-
-
-class Ran:
-    """Exit code and output of one run."""
-
-    def __init__(self, code: int, out: str, err: str):
-        self.code, self.out, self.err = code, out, err
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path):
-    """`proxops ARGUMENTS` in this process, working in a folder of its own."""
-    kleopatra().gravity_field.evaluate(np.ones((1, 3)))  # Compiled by now, which would be told.
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(console, "width", 200)
-
-    def ran(*arguments: object) -> Ran:
-        capfd.readouterr()
-        code = proxops(*arguments)
-        caught = capfd.readouterr()
-        return Ran(code, str(caught.out), str(caught.err))
-
-    return ran
 
 
 def entries(folder: Path) -> set[str]:
@@ -285,28 +256,6 @@ def test_long_work_without_a_terminal_tells_of_its_progress(
         monkeypatch.setattr(common, "_SECONDS_PER_LINE", 0.0)
         progress(0.5, "5 of 10 flights")
         assert capfd.readouterr().err == "50 % 5 of 10 flights\n"
-
-
-@pytest.mark.slow
-def test_as_a_process(tmp_path: Path) -> None:
-    """The streams get only what the command prints, and no traceback."""
-    command = [sys.executable, "-m", "proxops.cli.main", "fly"]
-    ran = subprocess.run(
-        [*command, "--set", "spacecraft.mass_kg=-1", "--out", "out"],
-        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
-    assert ran.returncode == 2
-    assert ran.stdout == ""
-    assert ran.stderr == (
-        "proxops: error: scenario: spacecraft.mass_kg must be positive, got -1.0\n"
-    )
-    assert entries(tmp_path) == set()
-
-
-def test_version(run) -> None:
-    ran = run("--version")
-    assert ran.code == 0
-    assert ran.out == f"proxops {metadata.version('proxops')}\n"
 
 
 # --- strangers' logs ------------------------------------------------------------------------------

@@ -7,37 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from commands import proxops
 from contact_binary import contact_binary, together
 from plain_polyhedral_gravity import star_shaped
 from short_flights import kleopatra, obj_text
 
 from proxops.assets import ASSETS
 from proxops.assets.random_bodies import random_body
-from proxops.cli.common import console
 from proxops.diagrams.new_body.body_setup import body_yaml, scaled_scenario
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import Scenario, load_body, load_scenario
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 PNG = b"\x89PNG\r\n\x1a\n"
-
-
-@pytest.fixture
-def shape(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path):
-    """`proxops ARGUMENTS` in a folder of its own; gives exit code, standard output and error."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(console, "width", 80)
-
-    def run(*arguments: object, command: str = "shape") -> tuple[int, str, str]:
-        capfd.readouterr()
-        code = proxops(command, *arguments)
-        out, err = capfd.readouterr()
-        return code, str(out), str(err)
-
-    return run
 
 
 def write(path: Path, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
@@ -45,9 +26,9 @@ def write(path: Path, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     return mesh
 
 
-def test_kleopatra(shape, tmp_path: Path) -> None:
+def test_kleopatra(run, tmp_path: Path) -> None:
     arguments = (ASSETS / "kleopatra/kleopatra.obj", "--mass", 2.97e18, "--period", 5.38528)
-    code, out, err = shape(*arguments)
+    code, out, err = run("shape", *arguments)
     assert code == 0
     assert "kleopatra.obj (OBJ, 2002 vertices, 4000 facets): sound" in out
     assert "out/shape/shape.png and out/shape/shape.json" in err
@@ -55,7 +36,7 @@ def test_kleopatra(shape, tmp_path: Path) -> None:
     assert sorted(path.name for path in folder.iterdir()) == ["shape.json", "shape.png"]
     assert (folder / "shape.png").read_bytes().startswith(PNG)
     found = json.loads((folder / "shape.json").read_text())
-    code, out, _ = shape(*arguments, "--json", "--out", "picture.png")
+    code, out, _ = run("shape", *arguments, "--json", "--out", "picture.png")
     assert (code, json.loads(out)) == (0, found)
     assert (tmp_path / "picture.png").read_bytes().startswith(PNG)
 
@@ -90,44 +71,42 @@ def test_kleopatra(shape, tmp_path: Path) -> None:
     assert hover["least_n"] <= weight <= hover["greatest_n"]
 
 
-def test_a_model_of_any_scale(shape, tmp_path: Path) -> None:
+def test_a_model_of_any_scale(run, tmp_path: Path) -> None:
     """A ball whose numbers are 500 across; by its diameter, its volume is 1 km^3."""
     ball = trimesh.creation.icosphere(3)
     ball.vertices *= 500.0 / np.ptp(ball.vertices, axis=0).max()
     write(tmp_path / "ball.obj", ball)
     known = ("--density", 2000, "--period", 8, "--fix", "out.obj", "--body", "ball.yaml")
-    code, _, err = shape("ball.obj", "--diameter", 2.0 * 620.35, *known)
+    code, _, err = run("shape", "ball.obj", "--diameter", 2.0 * 620.35, *known)
     assert code == 0, err
     body = load_body(tmp_path / "ball.yaml")
     assert body.shape.volume == pytest.approx(1e9, rel=1e-4)
 
 
 @pytest.mark.parametrize(("unit", "told"), [("m", True), ("km", False)])
-def test_a_body_of_a_metre_may_be_one_of_a_kilometre(shape, tmp_path: Path, unit, told) -> None:
+def test_a_body_of_a_metre_may_be_one_of_a_kilometre(run, tmp_path: Path, unit, told) -> None:
     write(tmp_path / "ball.obj", trimesh.creation.icosphere(2))
-    code, out, _ = shape("ball.obj", "--unit", unit)
+    code, out, _ = run("shape", "ball.obj", "--unit", unit)
     assert code == 0
     assert ("the body is 2 m long: if its mesh is in km" in " ".join(out.split())) == told
 
 
-def test_a_model_without_a_scale(shape, tmp_path: Path) -> None:
+def test_a_model_without_a_scale(run, tmp_path: Path) -> None:
     """The defect of its density says how to give it one."""
     write(tmp_path / "ball.obj", trimesh.creation.icosphere(2))
-    code, out, _ = shape("ball.obj", "--mass", 1e9)
+    code, out, _ = run("shape", "ball.obj", "--mass", 1e9)
     assert code == 1
     assert "say --size or --diameter METRES" in out
 
 
-def test_a_body_that_spins_the_other_way(shape, tmp_path: Path) -> None:
+def test_a_body_that_spins_the_other_way(run, tmp_path: Path) -> None:
     mesh = star_shaped(1, size=200.0)
     write(tmp_path / "rock.obj", mesh)
-    known = ("--unit", "m", "--density", 2000)
-    code, _, err = shape("rock.obj", *known, "--period", -5)
+    rock = ("shape", "rock.obj", "--unit", "m", "--density", 2000)
+    code, _, err = run(*rock, "--period", -5)
     assert code == 2
     assert "give 5 h, and --fix FILE --flip" in err
-    code, out, _ = shape(
-        "rock.obj", *known, "--period", 5, "--fix", "turned.obj", "--flip", "--body", "rock.yaml"
-    )
+    code, out, _ = run(*rock, "--period", 5, "--fix", "new.obj", "--flip", "--body", "rock.yaml")
     assert code == 0
     assert "done: turned half a turn about x" in out
     assert "solid: volume " in out
@@ -136,22 +115,22 @@ def test_a_body_that_spins_the_other_way(shape, tmp_path: Path) -> None:
     np.testing.assert_allclose(body.vertices, about * [1.0, -1.0, -1.0], atol=1e-9)
 
 
-def test_a_void_is_told_with_its_share(shape, tmp_path: Path) -> None:
+def test_a_void_is_told_with_its_share(run, tmp_path: Path) -> None:
     outer, wall = (trimesh.creation.icosphere(2, radius=r) for r in (100.0, 90.0))
     wall.invert()
     write(tmp_path / "hollow.obj", together(outer, wall))
-    code, out, _ = shape("hollow.obj", "--unit", "m")
+    code, out, _ = run("shape", "hollow.obj", "--unit", "m")
     assert code == 0
     assert "note: a void of 72.9 % of the body" in out
 
 
-def test_what_cannot_be_mended_is_not_written(shape, tmp_path: Path) -> None:
+def test_what_cannot_be_mended_is_not_written(run, tmp_path: Path) -> None:
     spiked = trimesh.creation.icosphere(2, radius=9.0)
     spiked.vertices[0] *= -1.5
     write(tmp_path / "lobes.obj", spiked)
     known = ("--density", 2000, "--period", 8)
-    code, out, err = shape(
-        "lobes.obj", "--unit", "m", *known, "--fix", "out.obj", "--body", "lobes.yaml"
+    code, out, err = run(
+        "shape", "lobes.obj", "--unit", "m", *known, "--fix", "out.obj", "--body", "lobes.yaml"
     )
     assert code == 1
     assert "not mended: the mesh cannot be mended" in out
@@ -183,19 +162,19 @@ def test_what_cannot_be_mended_is_not_written(shape, tmp_path: Path) -> None:
         (("--random", "1:2", "--density", 2000), "--random generates mesh, density and period"),
     ],
 )
-def test_bad_input(shape, tmp_path: Path, arguments, complaint: str) -> None:
+def test_bad_input(run, tmp_path: Path, arguments, complaint: str) -> None:
     write(tmp_path / "rock.obj", star_shaped(1, size=200.0))
     before = sorted(tmp_path.rglob("*"))
-    code, out, err = shape(*arguments)
+    code, out, err = run("shape", *arguments)
     assert (code, out) == (2, "")
     assert err.startswith("proxops: error: ")
     assert complaint in err
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_generated_body(shape, tmp_path: Path) -> None:
+def test_generated_body(run, tmp_path: Path) -> None:
     """Its files hold the body that Python generates, and its scenario has transits."""
-    code, out, err = shape("--random", "3:5", "--out", "rock", "--craft-mass", 40)
+    code, out, err = run("shape", "--random", "3:5", "--out", "rock", "--craft-mass", 40)
     assert code == 0, err
     made = random_body(3, 5)
     files = {path.name for path in (tmp_path / "rock").iterdir()}
@@ -251,15 +230,15 @@ def test_every_number_of_a_scenario_is_made_similar(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_flight_at_a_body_that_was_set_up_by_itself(shape, tmp_path: Path) -> None:
+def test_flight_at_a_body_that_was_set_up_by_itself(run, tmp_path: Path) -> None:
     """A damaged contact binary of 500 m, from its mesh in metres to the goal behind it."""
     mesh = contact_binary(500.0, 4)
     mesh.apply_translation([30.0, 10.0, -5.0])
     faces = np.delete(np.array(mesh.faces), [7, 1200, 1201], axis=0)
     faces[::9] = faces[::9, ::-1]
     write(tmp_path / "scan.obj", trimesh.Trimesh(mesh.vertices, faces, process=False))
-    code, _, err = shape(
-        "scan.obj", "--unit", "m", "--density", 1900, "--period", 9, "--craft-mass", 20,
+    code, _, err = run(
+        "shape", "scan.obj", "--unit", "m", "--density", 1900, "--period", 9, "--craft-mass", 20,
         "--fix", "binary.obj", "--align", "--body", "binary.yaml", "--scenario", "visit.yaml",
     )  # fmt: skip
     assert code == 0, err
@@ -271,7 +250,7 @@ def test_flight_at_a_body_that_was_set_up_by_itself(shape, tmp_path: Path) -> No
     transit = transit_set(10000, 2, scenario)[1]
     assert np.abs([transit.start, transit.goal]).max() < 500.0
     # Transit 1 has its straight line blocked.
-    code, out, err = shape("visit.yaml", "--transit", 1, "--out", "flight", command="fly")
+    code, out, err = run("fly", "visit.yaml", "--transit", 1, "--out", "flight")
     assert code == 0, err
     summary = json.loads((tmp_path / "flight/summary.json").read_text())
     assert summary["success"] is True

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -24,13 +25,6 @@ PROXOPS = [sys.executable, "-c", SCRIPT]
 def environment(**changes: str) -> dict[str, str]:
     kept = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "FORCE_COLOR")}
     return kept | {"COLUMNS": "100"} | changes
-
-
-def run(*arguments: object, folder: Path, **changes: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*PROXOPS, *map(str, arguments)], cwd=folder, env=environment(**changes),
-        capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -52,7 +46,12 @@ SLOW = ["matplotlib", "numba", "numpy", "proxops.systems", "pydrake", "scipy", "
 
 
 @pytest.mark.parametrize(
-    ("option", "says"), [("--help", "train-lidar"), ("--version", "proxops "), ("flyy", "")]
+    ("option", "says"),
+    [
+        ("--help", "train-lidar"),
+        ("--version", f"proxops {metadata.version('proxops')}\n"),
+        ("flyy", ""),
+    ],
 )
 def test_what_needs_no_command_imports_none(option: str, says: str) -> None:
     """Not even where neither the home nor the folder for temporary files can be written."""

@@ -1,5 +1,6 @@
 """A learned lidar for tests that has learned nothing: its network is the closed form of a ball."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -41,9 +42,9 @@ class BallFrameNetwork(nn.Module):
     ways: Tensor
     centre: Tensor
 
-    def __init__(self, rays: int = 360):
+    def __init__(self):
         super().__init__()
-        self.register_buffer("ways", torch.tensor(ray_directions(12, rays)))
+        self.register_buffer("ways", torch.tensor(ray_directions(12, 360)))
         self.register_buffer("centre", torch.tensor(CENTRE))
 
     def forward(self, positions: Tensor) -> Tensor:
@@ -61,9 +62,9 @@ def ball_shape() -> Polyhedron:
     return Polyhedron.from_trimesh(mesh, "m")
 
 
-def ball_facts(rays: int = 360, shape_sha256: str = "") -> Facts:
+def ball_facts(shape_sha256: str = "") -> Facts:
     body = {"body": "Ball", "shape_sha256": shape_sha256}
-    return {"planes": 12, "rays": rays, "cube_m": 340e3, "training": {}} | body
+    return {"planes": 12, "rays": 360, "cube_m": 340e3, "training": {}} | body
 
 
 def chord_ends() -> np.ndarray:
@@ -71,34 +72,23 @@ def chord_ends() -> np.ndarray:
     return fan.chords(np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3]])).ends
 
 
-def export_ball_bundle(folder: Path, rays: int = 360, shape_sha256: str = "") -> Path:
-    """A bundle in `folder`, for 12 planes of `rays`, as if trained on a body of that shape."""
-    facts = ball_facts(rays, shape_sha256)
-    write_bundle(folder, BallNetwork(), facts, ELLIPSOID, chord_ends())
+def export_ball_bundle(folder: Path, shape_sha256: str = "") -> Path:
+    """A bundle in `folder`, for 12 planes of 360, as if trained on a body of that shape."""
+    write_bundle(folder, BallNetwork(), ball_facts(shape_sha256), ELLIPSOID, chord_ends())
     return folder
 
 
-def export_ball_frame_bundle(folder: Path, rays: int = 360, shape_sha256: str = "") -> Path:
+def export_ball_frame_bundle(folder: Path, shape_sha256: str = "") -> Path:
     """The same of the paper's kind, whose ranges are in km."""
     positions = np.array([[150e3, 20e3, 10e3], [-90e3, 90e3, -80e3]])
-    facts = ball_facts(rays, shape_sha256)
-    write_frame_bundle(folder, BallFrameNetwork(rays), facts, 1e3, positions)
+    write_frame_bundle(folder, BallFrameNetwork(), ball_facts(shape_sha256), 1e3, positions)
     return folder
 
 
-def write_ball_bundle(folder: Path, shape_sha256: str = "") -> Path:
-    """A copy of what `export_ball_bundle` makes."""
-
-    def export(bundle: Path) -> None:
-        export_ball_bundle(bundle, shape_sha256=shape_sha256)
-
-    return exported_once(folder, ("ball", shape_sha256), export)
+def write_ball_bundle(folder: Path, shape_sha256: str = "", export=export_ball_bundle) -> Path:
+    """A copy of what `export` makes."""
+    key = (export.__name__, shape_sha256)
+    return exported_once(folder, key, lambda bundle: export(bundle, shape_sha256))
 
 
-def write_ball_frame_bundle(folder: Path, shape_sha256: str = "") -> Path:
-    """A copy of what `export_ball_frame_bundle` makes."""
-
-    def export(bundle: Path) -> None:
-        export_ball_frame_bundle(bundle, shape_sha256=shape_sha256)
-
-    return exported_once(folder, ("ball frame", shape_sha256), export)
+write_ball_frame_bundle = partial(write_ball_bundle, export=export_ball_frame_bundle)

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import pytest
 
@@ -17,6 +18,14 @@ def proxops(*arguments: object) -> int:
         except SystemExit as end:
             return end.code if isinstance(end.code, int) else 0 if end.code is None else 1
     return 0
+
+
+class Ran(NamedTuple):
+    """Exit code and output of one run."""
+
+    code: int
+    out: str
+    err: str
 
 
 def settings(changes: Mapping[str, object]) -> list[str]:

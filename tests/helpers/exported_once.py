@@ -2,6 +2,7 @@
 
 import fcntl
 import hashlib
+import json
 import os
 import shutil
 from collections.abc import Callable
@@ -31,3 +32,12 @@ def exported_once(folder: Path, key: object, export: Callable[[Path], object]) -
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(made, folder)
     return folder
+
+
+def copied(bundle: Path, folder: Path) -> Path:
+    """A copy in `folder` that may be changed."""
+    return Path(shutil.copytree(bundle, folder / "bundle"))
+
+
+def change_json(path: Path, **changes: object) -> None:
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))

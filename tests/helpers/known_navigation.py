@@ -21,9 +21,9 @@ DEVIATIONS = np.array([20.0, 50.0, 100.0])
 """Standard deviations along them, in m, in every row."""
 
 
-def navigated_log(steps: int = 100) -> FlightLog:
+def navigated_log() -> FlightLog:
     """A synthetic log with a navigation; the spacecraft's axes are truly those of K."""
-    plain = synthetic_log(steps, ranges=False)
+    plain = synthetic_log(100, ranges=False)
     data = plain.dataset
     count = data.sizes["time"]
     state = data["state"].values - ERROR

@@ -4,7 +4,7 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from plain_motion import moved
 from scipy.spatial.transform import Rotation
 from short_flights import kleopatra
 
@@ -36,25 +36,17 @@ class Flight(NamedTuple):
 
 
 @functools.cache
-def flight(count: int = 70, start: tuple[float, ...] = (140e3, 70e3, -40e3), seed: int = 1):
+def flight(count: int = 70, start: tuple[float, ...] = (140e3, 70e3, -40e3)):
     """Thrusts this way and that, with the attitude off by one degree."""
-    rng, body = np.random.default_rng(seed), kleopatra()
-    w = np.array([0.0, 0.0, body.spin_rate])
-
-    def rates(_time: float, y: np.ndarray, push: np.ndarray) -> np.ndarray:
-        pull = body.gravity_field.evaluate(y[None, :3]).acceleration[0]
-        turning = -2.0 * np.cross(w, y[3:]) - np.cross(w, np.cross(w, y[:3]))
-        return np.concatenate([y[3:], pull + turning + push])
-
+    rng, body = np.random.default_rng(1), kleopatra()
     states, forces = [np.array([*start, -8.0, 12.0, 6.0])], [np.zeros(3)]
     force = np.zeros(3)
     for _ in range(count - 1):
         force = np.clip(0.9 * force + rng.normal(size=3), -7.0, 7.0)
         push = ATTITUDE.apply(force) / MASS
-        flown = solve_ivp(rates, (0.0, PERIOD), states[-1], args=(push,), rtol=1e-10, atol=1e-6)
-        states.append(flown.y[:, -1])
+        states.append(moved(body.gravity_field, body.spin_rate, states[-1], push, PERIOD))
         forces.append(force)
-    frames = np.array([frame(state[:3], seed + 10 * k) for k, state in enumerate(states)])
+    frames = np.array([frame(state[:3], 1 + 10 * k) for k, state in enumerate(states)])
     return Flight(np.array(states), np.array(forces), frames)
 
 

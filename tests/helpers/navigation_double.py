@@ -21,12 +21,11 @@ class NavigationDouble(LeafSystem):
         self,
         state: Callable[[float], np.ndarray],
         attitude: Callable[[float], np.ndarray] = lambda time: IDENTITY,
-        rays: int = 4320,
     ):
         super().__init__()
         self.state, self.attitude = state, attitude
         self.told: dict[float, np.ndarray] = {}
-        self._ranges = self.DeclareVectorInputPort("ranges", rays)
+        self._ranges = self.DeclareVectorInputPort("ranges", 4320)
         self._command = self.DeclareVectorInputPort("commanded_force", 3)
         depends = {self.time_ticket(), self._ranges.ticket(), self._command.ticket()}
         for name, size, calc in (
@@ -34,7 +33,7 @@ class NavigationDouble(LeafSystem):
             ("attitude", 4, lambda c, output: output.SetFromVector(self.attitude(c.get_time()))),
             ("covariance", 81, lambda c, output: output.SetFromVector(np.eye(9).ravel())),
             ("record", 5, self._calc_record),
-            ("return_use", rays, lambda c, output: output.SetFromVector(np.ones(rays))),
+            ("return_use", 4320, lambda c, output: output.SetFromVector(np.ones(4320))),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=depends)
 

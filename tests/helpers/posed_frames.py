@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import trimesh
 from contact_binary import contact_binary
+from one_system import evaluated
 from scipy.spatial.transform import Rotation
 from short_flights import kleopatra
 
@@ -19,15 +20,15 @@ STD = np.radians(1.0)
 NOISE, REACH = 2e-4, 1.6
 
 
-def lumpy(subdivisions: int = 4) -> Polyhedron:
+def lumpy() -> Polyhedron:
     """A ball with hills, as high as a tenth of its radius."""
-    ball = Polyhedron.from_trimesh(trimesh.creation.icosphere(subdivisions, radius=250.0), "m")
+    ball = Polyhedron.from_trimesh(trimesh.creation.icosphere(4, radius=250.0), "m")
     return displaced(ball, 25.0, 80.0, seed=4).recentred()
 
 
-def ellipsoid(subdivisions: int = 4) -> Polyhedron:
+def ellipsoid() -> Polyhedron:
     """3:1:1, with so much relief that it looks different from all sides."""
-    mesh = trimesh.creation.icosphere(subdivisions)
+    mesh = trimesh.creation.icosphere(4)
     smooth = Polyhedron(mesh.vertices * [3e3, 1e3, 1e3], mesh.faces, "ellipsoid")
     return displaced(smooth, 60.0, 400.0, seed=2).recentred()
 
@@ -70,7 +71,5 @@ def measured(name: str, pose: tuple[np.ndarray, Rotation], seed: int, **errors: 
     modelled = model(name)
     wrong = LidarErrors(noise_std=modelled.noise_std, **errors)
     lidar = Lidar(body(name), wrong, modelled.geometry, seed=seed)
-    context = lidar.CreateDefaultContext()
-    lidar.GetInputPort("position").FixValue(context, place)
-    lidar.GetInputPort("attitude").FixValue(context, turn.as_quat(scalar_first=True))
-    return lidar.GetOutputPort("ranges").Eval(context)
+    quaternion = turn.as_quat(scalar_first=True)
+    return evaluated(lidar, "ranges", position=place, attitude=quaternion)

@@ -9,9 +9,12 @@ from pydrake.systems.framework import Context, Diagram, LeafSystem
 
 from proxops.diagrams.flight.simulation import fly, make_simulator
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import (
+    LidarNavigationConfig,
+    Scenario,
+    load_body,
+    load_scenario,
+)
 
 # 8 km past the long end of the body, then 100 s in the goal region: 120 steps.
 SHORT = {
@@ -28,6 +31,13 @@ def short_scenario(**changes: object) -> Scenario:
     """`SHORT` on the true state, with changes, whose dots are written as two underscores."""
     changes = SHORT | {k.replace("__", "."): v for k, v in changes.items()}
     return load_scenario(None, changes, on_true_state=True)
+
+
+def on_lidar(**changes: object) -> Scenario:
+    """The same, on the navigation's state."""
+    scenario = short_scenario(**changes)
+    scenario.navigation = LidarNavigationConfig()
+    return scenario
 
 
 @cache
@@ -72,28 +82,27 @@ def flown_and_taken_up(
 class PdController(LeafSystem):
     """A user's own: proportional and derivative, clipped, with the least of ports."""
 
-    def __init__(self, mass: float = 100.0, limit: float = 7.0):
+    def __init__(self):
         super().__init__()
-        self.mass, self.limit = mass, limit
         self.state = self.DeclareVectorInputPort("state", 6)
         self.target = self.DeclareVectorInputPort("target", 6)
         self.DeclareVectorOutputPort("force", 3, self._calc_force)
 
     def _calc_force(self, context, output):
         error = self.target.Eval(context) - self.state.Eval(context)
-        wanted = self.mass * (2e-4 * error[:3] + 3e-2 * error[3:])
-        output.SetFromVector(np.clip(wanted, -self.limit, self.limit))
+        wanted = 0.02 * error[:3] + 3.0 * error[3:]
+        output.SetFromVector(np.clip(wanted, -7.0, 7.0))
 
 
 class Scripted(LeafSystem):
     """Commands what a function of time says; its ports may be made wrong on purpose."""
 
-    def __init__(self, force=lambda time: np.zeros(3), ports=(), output="force", size=3):
+    def __init__(self, force=lambda time: np.zeros(3), ports=(), output="force"):
         super().__init__()
         for name, width in ports:
             self.DeclareVectorInputPort(name, width)
         self.DeclareVectorOutputPort(
-            output, size, lambda context, out: out.SetFromVector(force(context.get_time()))
+            output, 3, lambda context, out: out.SetFromVector(force(context.get_time()))
         )
 
 
@@ -113,11 +122,11 @@ def blob() -> trimesh.Trimesh:
     return trimesh.Trimesh(ball.vertices * [110.0, 50.0, 50.0], ball.faces, process=False)
 
 
-def write_blob(folder: Path, shape: trimesh.Trimesh | None = None, **changes: object) -> str:
+def write_blob(folder: Path, **changes: object) -> str:
     """Writes the body's YAML file and, unless it is there, its mesh; returns the YAML's path."""
     path = folder / "blob.obj"
-    if shape is not None or not path.exists():
-        path.write_text(obj_text(shape or blob()))
+    if not path.exists():
+        path.write_text(obj_text(blob()))
     tree = BLOB | changes
     (folder / "blob.yaml").write_text("".join(f"{key}: {value}\n" for key, value in tree.items()))
     return str(folder / "blob.yaml")

@@ -5,8 +5,7 @@ from functools import cache
 import numpy as np
 
 from proxops.diagrams.logs.flight_log import FlightLog, make_dataset
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import Scenario, load_body
 from proxops.systems.lidar import ray_directions
 from proxops.systems.shapes.ray_casting import RayCaster
 

@@ -34,10 +34,7 @@ from typer.main import get_command
 
 from proxops import systems
 from proxops.cli.main import app, command, main
-from proxops.diagrams.flight import surroundings
-from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight import fly, make_transit_diagram, named_controller, surroundings
 from proxops.diagrams.scenario.scenario import load_scenario
 
 # A base class of other systems, which have sections of their own.

@@ -8,20 +8,14 @@ trains its guidance again. `recipe` has what they share. A new recipe needs a mo
 `RECIPES`.
 """
 
-from proxops.training.recipes.any_body import (
-    AnyBodySettings,
-    Family,
-    known_family,
-    learn,
-    train_any_body,
-)
+from proxops.training.recipes.any_body import AnyBodySettings, train_any_body
 from proxops.training.recipes.dagger import DaggerSettings, run_dagger
 from proxops.training.recipes.family import family_plans, spacecraft_numbers, write_family
 from proxops.training.recipes.paper import PaperSettings, train_paper_policy
 from proxops.training.recipes.pilot import PilotSettings, dimensions_of, part_task, train_pilot
 from proxops.training.recipes.pilot_examples import Hits, hits_of
 from proxops.training.recipes.pilot_losses import geometry_loss
-from proxops.training.recipes.recipe import Recipe, RecipeSettings, trained_settings
+from proxops.training.recipes.recipe import Recipe, trained_settings
 
 RECIPES: dict[str, Recipe] = {
     "proxops": Recipe(PilotSettings, train_pilot),
@@ -34,18 +28,14 @@ __all__ = [
     "RECIPES",
     "AnyBodySettings",
     "DaggerSettings",
-    "Family",
     "Hits",
     "PaperSettings",
     "PilotSettings",
     "Recipe",
-    "RecipeSettings",
     "dimensions_of",
     "family_plans",
     "geometry_loss",
     "hits_of",
-    "known_family",
-    "learn",
     "part_task",
     "run_dagger",
     "spacecraft_numbers",

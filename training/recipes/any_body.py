@@ -182,7 +182,6 @@ def learn(
     recipe: str,
     progress: Progress,
     told: dict[str, Any] | None = None,
-    kind: type[AnyBodyGuidance] = AnyBodyGuidance,
 ) -> dict[str, Any]:
     """Trains a guidance from nothing on labels; writes it to a folder and returns the report.
 
@@ -192,7 +191,6 @@ def learn(
       out: for guidance.ckpt, curves/, report.json, report.md and bundle/.
       recipe: its name in the report. told: what the report says besides.
       progress: of the training.
-      kind: of network.
 
     Raises:
       InputError: see `train`.
@@ -202,7 +200,7 @@ def learn(
     held = labels["member"] >= family.learned
     parts = {"training": _rows(examples, ~held), "held out": _rows(examples, held)}
     with seeded(settings.seed):
-        network = kind(settings.width)
+        network = AnyBodyGuidance(settings.width)
     seen, unseen = parts.values()
     task = guidance_task(network, seen, unseen, settings, f"proxops any-body, data {data}")
     figures = learned(task, out, settings, progress).figures()

@@ -26,8 +26,7 @@ from proxops.diagrams.flight import Workers, campaign
 from proxops.diagrams.flight.campaign import Flight, fly_many, run_campaign, transit_flights
 from proxops.diagrams.flight.origin import Provenance
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.scenario.scenario import change_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import Scenario, change_scenario
 from proxops.systems import InputError
 
 WALL_TIMES = {"wall_s", "control_ms_median", "control_ms_p99", "control_ms_mean"}

@@ -7,11 +7,8 @@ import pytest
 from known_policies import Counting, DeadReckoning, NotANumber, write_policy
 from short_flights import BRIEF, kleopatra, short_scenario
 
-from proxops.diagrams.flight import make_mpc
-from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.logs.legend import legend_of
+from proxops.diagrams.flight import fly, make_mpc, named_controller
+from proxops.diagrams.logs import FlightLog, legend_of
 from proxops.systems import InputError, PolicyBundle
 from proxops.training.data import plans_along
 

@@ -5,23 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from known_policies import DeadReckoning, write_policy
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
-from short_flights import Scripted, flown_and_taken_up, kleopatra, short_scenario
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from short_flights import Scripted, kleopatra, short_scenario
 
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
-from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog, differences
-from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.systems import (
-    DecisionReason,
-    InputError,
-    ModelPredictiveController,
-    ReachModel,
-)
+from proxops.diagrams.scenario import Scenario, load_scenario
+from proxops.systems import DecisionReason, InputError, ModelPredictiveController, ReachModel
 from proxops.systems.shapes.ellipsoid import clearances
 
 # 45 steps, wherever it is then; both forces always agree by `TRUSTING`.
@@ -142,28 +134,6 @@ def test_record_is_that_of_both_forces(doubting: FlightLog) -> None:
     np.testing.assert_array_equal(data["decision"], np.where(checks | failed, 1, 2))
     meanings = data["decision_reason"].attrs["flag_meanings"].split()
     assert meanings == [reason.name.lower() for reason in DecisionReason]
-
-
-# --- again ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("rule", ["fixed", "adaptive"])
-def test_cloned_context_goes_on_alike(bundle: Path, rule: str) -> None:
-    scenario = brief(
-        bundle, disturbance={}, hybrid__period_rule=rule, hybrid__state_noise_velocity_m_s=0.1
-    )
-    diagram = make_transit_diagram(scenario, named_controller("hybrid", scenario, kleopatra()))
-
-    def values(context: Context) -> np.ndarray:
-        hybrid = diagram.GetSubsystemByName("controller").GetMyContextFromRoot(context)
-        groups = hybrid.get_discrete_state()
-        memory = [groups.get_vector(i).CopyToVector() for i in range(groups.num_groups())]
-        motion = context.get_continuous_state_vector().CopyToVector()
-        return np.concatenate([*memory, motion])
-
-    one, other = map(values, flown_and_taken_up(diagram, scenario, 95.0, 305.0))
-    assert one.size > 50
-    np.testing.assert_array_equal(one, other)
 
 
 # --- a state that is known with errors ------------------------------------------------------------

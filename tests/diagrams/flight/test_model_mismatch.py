@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from proxops.diagrams.flight.simulation import fly, make_simulator
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.flight import fly, make_simulator, make_transit_diagram
+from proxops.diagrams.scenario import load_body, load_scenario
 from proxops.systems import InputError, ModelPredictiveController, PointMassField
 
 PLACE = [20e3, 95e3, 40e3]

@@ -9,14 +9,12 @@ import pytest
 from navigation_double import IDENTITY, NavigationDouble, use
 from pydrake.systems.framework import Diagram, System
 from scipy.spatial.transform import Rotation
-from short_flights import BRIEF, Scripted, kleopatra, short_scenario
+from short_flights import BRIEF, Scripted, kleopatra, on_lidar
 from summary_names import NAVIGATION_SUMMARY
 
-from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight import fly, make_transit_diagram, named_controller
 from proxops.diagrams.logs import FlightLog, differences, why_never_known
-from proxops.diagrams.scenario import LidarNavigationConfig, Scenario
+from proxops.diagrams.scenario import Scenario
 from proxops.systems import PlanReason
 from proxops.systems.common.errors import InputError
 
@@ -24,12 +22,6 @@ START = np.array([160e3, 0.0, 0.0, 0.0, 0.0, 0.0])
 NOWHERE = np.full(6, np.nan)
 # S is truly turned by 90 degrees about z, and by 90 degrees about x after that.
 TURN = Rotation.from_rotvec([0.0, 0.0, np.pi / 2.0]) * Rotation.from_rotvec([np.pi / 2.0, 0.0, 0.0])
-
-
-def on_lidar(**changes: object) -> Scenario:
-    scenario = short_scenario(**changes)
-    scenario.navigation = LidarNavigationConfig()
-    return scenario
 
 
 def built(controller: System | str, scenario: Scenario) -> Diagram:

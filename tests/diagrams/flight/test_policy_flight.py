@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from known_policies import Counting, DeadReckoning, NotANumber, write_policy
+from known_policies import DeadReckoning, NotANumber, write_policy
 from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.cli.fly import _table
-from proxops.diagrams.flight.named_controllers import bundle_of, named_controller
-from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight import bundle_of, fly, named_controller
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems import GuidancePolicy, PolicyBundle
@@ -19,11 +18,6 @@ from proxops.systems.policy import PolicyConfig
 @pytest.fixture(scope="module")
 def reckoning(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_policy(tmp_path_factory.mktemp("reckoning") / "policy", DeadReckoning())
-
-
-@pytest.fixture(scope="module")
-def counting(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_policy(tmp_path_factory.mktemp("counting") / "policy", Counting())
 
 
 def brief(bundle: Path, **changes: object) -> Scenario:

@@ -1,11 +1,9 @@
 """Flights obey physics: the log's motion, events and outcomes are each computed a second way."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from jacobi import jacobi_integral
-from scipy.integrate import solve_ivp
+from plain_motion import moved
 from scipy.interpolate import CubicHermiteSpline
 from short_flights import (
     disturbed_flight,
@@ -15,8 +13,7 @@ from short_flights import (
     short_scenario,
 )
 
-from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight import fly, named_controller
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
@@ -24,26 +21,14 @@ from proxops.systems import InputError
 SPIN = 2.0 * np.pi / (5.38528 * 3600.0)
 
 
-def acceleration(position: np.ndarray, velocity: np.ndarray, thrust: np.ndarray) -> np.ndarray:
-    """r'' in K: gravity, Coriolis, centrifugal, thrust, with cross products written out."""
-    spin = np.array([0.0, 0.0, SPIN])
-    gravity = kleopatra().gravity_field.evaluate(position[None]).acceleration[0]
-    coriolis = -2.0 * np.cross(spin, velocity)
-    return gravity + coriolis - np.cross(spin, np.cross(spin, position)) + thrust
-
-
 def reflown(log: FlightLog, rtol: float = 1e-10) -> np.ndarray:
     """States at the log's times from its first state and its forces, by SciPy."""
     times, forces = log.dataset["time"].values, log.dataset["force"].values
     mass = log.scenario.spacecraft.mass_kg
     states = [log.dataset["state"].values[0]]
-    for (start, end), force in zip(pairwise(times), forces, strict=False):
-
-        def rate(_, state, force=force):
-            return [*state[3:], *acceleration(state[:3], state[3:], force / mass)]
-
-        step = solve_ivp(rate, (start, end), states[-1], "DOP853", rtol=rtol, atol=1e-6)
-        states.append(step.y[:, -1])
+    for step, force in zip(np.diff(times), forces, strict=False):
+        push = force / mass
+        states.append(moved(kleopatra().gravity_field, SPIN, states[-1], push, step, rtol))
     return np.array(states)
 
 

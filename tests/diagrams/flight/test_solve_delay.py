@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from plain_motion import moved
 from short_flights import kleopatra, short_scenario
 
-from proxops.diagrams.flight.simulation import fly, make_simulator
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight import fly, make_simulator, make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import DelayedHold, InputError, ModelPredictiveController
@@ -59,16 +58,9 @@ def test_logged_forces_give_the_states(delay: float) -> None:
     log = delayed_flight(delay)
     assert log.dataset.attrs["force_delay_s"] == delay
     times, states = log.dataset["time"].values, log.dataset["state"].values
-    spin = np.array([0.0, 0.0, SPIN])
     state = states[0]
     for start, end, force in applied_pieces(log, delay):
-
-        def rate(_, at, force=force):
-            gravity = kleopatra().gravity_field.evaluate(at[None, :3]).acceleration[0]
-            turning = -2.0 * np.cross(spin, at[3:]) - np.cross(spin, np.cross(spin, at[:3]))
-            return [*at[3:], *(gravity + turning + force / 100.0)]
-
-        state = solve_ivp(rate, (start, end), state, "DOP853", rtol=1e-10, atol=1e-6).y[:, -1]
+        state = moved(kleopatra().gravity_field, SPIN, state, force / 100.0, end - start)
         row = np.flatnonzero(times == end)
         if row.size:
             error = state - states[row[0]]

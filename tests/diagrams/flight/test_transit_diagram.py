@@ -13,25 +13,14 @@ from short_flights import (
     short_scenario,
 )
 
-from proxops.diagrams.flight.simulation import fly, make_simulator
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight import fly, make_simulator, make_transit_diagram
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.meshcat.replay import write_replay
-from proxops.systems import (
-    InputError,
-    LegendEntry,
-    Lidar,
-    LoggedPort,
-)
+from proxops.systems import InputError, LegendEntry, Lidar, LoggedPort
 
 
 def build(controller: System | None = None, **changes: object) -> Diagram:
     return make_transit_diagram(short_scenario(**changes), controller, body=kleopatra())
-
-
-def output(diagram: Diagram, context, system: str, port: str) -> np.ndarray:
-    subsystem = diagram.GetSubsystemByName(system)
-    return subsystem.GetOutputPort(port).Eval(subsystem.GetMyContextFromRoot(context))
 
 
 # --- a user's own controller ----------------------------------------------------------------------

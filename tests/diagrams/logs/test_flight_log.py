@@ -3,10 +3,7 @@
 import dataclasses as dc
 import gc
 import hashlib
-import os
 import pickle
-import subprocess
-import sys
 from importlib import metadata
 from pathlib import Path
 
@@ -31,8 +28,7 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.columns import NAVIGATION_COLUMNS, VARIABLES
 from proxops.diagrams.logs.flight_log import FlightLog, differences, make_dataset
 from proxops.diagrams.logs.flight_summary import fallback_steps
-from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
-from proxops.diagrams.scenario.scenario_config import TruthConfig
+from proxops.diagrams.scenario import TruthConfig, dump_scenario, load_scenario, parse_scenario
 from proxops.systems import InputError, TransitProgram
 from proxops.systems.common.errors import SolverFailure
 
@@ -333,55 +329,25 @@ def test_folder_in_the_way(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [tmp_path / "flight.nc"]
 
 
-KILLED_WRITER = """
-import os, random, signal, sys, time
-from pathlib import Path
-from synthetic_log import synthetic_log
-from proxops.diagrams.logs.flight_log import FlightLog, differences
+def test_the_name_of_a_log_is_never_that_of_a_half(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the midst of writing, the log of before is there, whole: a kill there leaves it so."""
+    path, log = tmp_path / "flight.nc", synthetic_log(5, ranges=False)
+    log.to_netcdf(path)
+    whole, write, seen = path.read_bytes(), Path.write_bytes, []
 
-path, log = Path(sys.argv[1]), synthetic_log(100)
-started = time.perf_counter()
-log.to_netcdf(path)
-took = time.perf_counter() - started
-path.unlink()
-killed = 0
+    def in_halves(name: Path, content: bytes) -> int:
+        write(name, content[: len(content) // 2])
+        seen.append(path.read_bytes())
+        return write(name, content)
 
-def in_halves(name, content):
-    with name.open("wb") as file:
-        file.write(content[:len(content) // 2])
-        file.flush()
-        time.sleep(took)
-        file.write(content[len(content) // 2:])
-
-Path.write_bytes = in_halves
-for trial in range(8):
-    child = os.fork()
-    if child == 0:
-        while True:
-            log.to_netcdf(path)
-    time.sleep(random.Random(trial).uniform(0.0, 2.5 * took))
-    os.kill(child, signal.SIGKILL)
-    killed += os.WIFSIGNALED(os.waitpid(child, 0)[1])
-    if path.exists():
-        assert differences(FlightLog.load(path), log) == []
-assert path.exists(), "no write ever ended"
-print(killed, len(list(path.parent.glob(".flight.nc.*.part"))))
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_killed_while_writing(tmp_path: Path) -> None:
-    """Eight processes killed at random moments of writing the same file over and over."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    command = [sys.executable, "-W", "ignore", "-c", KILLED_WRITER, str(tmp_path / "flight.nc")]
-    done = subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=120, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    killed, unfinished = map(int, done.stdout.split())
-    assert killed == 8
-    assert unfinished > 0  # Some were in the midst of it.
+    monkeypatch.setattr(Path, "write_bytes", in_halves)
+    other = synthetic_log(9, ranges=False)
+    other.to_netcdf(path)
+    assert seen == [whole]
+    assert differences(FlightLog.load(path), other) == []
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_the_true_body_is_made_once() -> None:

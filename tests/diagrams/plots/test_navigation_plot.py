@@ -94,20 +94,11 @@ def test_the_prediction_is_that_of_the_navigation_s_map(tmp_path: Path) -> None:
 
 def test_a_frame_beside_what_the_map_predicts() -> None:
     """At the true pose, of a noiseless frame in which two returns are false."""
-    plain = synthetic_log(3)
-    state = plain.dataset["state"].copy()
-    ranges = plain.dataset["ranges"].values.copy()
-    use = np.where(np.isfinite(ranges), ReturnUse.USED, ReturnUse.NOT_USED).astype(np.int8)
+    log = with_frames(synthetic_log(3))
+    ranges, use = (log.dataset[name].values for name in ("ranges", "navigation_return_use"))
     false = np.flatnonzero(np.isfinite(ranges[2]))[[5, 9]]
     ranges[2].reshape(-1)[false] += 20e3
     use[2].reshape(-1)[false] = ReturnUse.REJECTED
-    columns = {
-        "navigation_state": state,
-        "navigation_attitude": (("time", "quaternion"), np.tile([1.0, 0.0, 0.0, 0.0], (4, 1))),
-        "navigation_return_use": (("time", "plane", "ray"), use),
-        "ranges": (("time", "plane", "ray"), ranges),
-    }
-    log = FlightLog(plain.dataset.assign(columns), plain.body)
     shown = plot_frame(log, 2)
     count = np.isfinite(ranges[2]).sum()
     texts = [text.get_text() for text in shown.legends[0].get_texts()]
@@ -117,9 +108,9 @@ def test_a_frame_beside_what_the_map_predicts() -> None:
     np.testing.assert_allclose(np.asarray(rejected.get_xdata()), [5, 9])
     np.testing.assert_allclose(values(shown.axes[1], 1), 20e3, atol=1.0)
     assert len(np.asarray(used.get_xdata())) == count - 2
-    columns["navigation_state"] = (("time", "component"), np.full((4, 6), np.nan))
+    log.dataset["navigation_state"][:] = np.nan
     with pytest.raises(InputError, match="has no state"):
-        plot_frame(FlightLog(plain.dataset.assign(columns), plain.body), 2)
+        plot_frame(log, 2)
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ from short_flights import kleopatra
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.plots.plan_plot import plot_plan
-from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.transits import scenario_transit
+from proxops.diagrams.scenario import load_scenario, scenario_transit
 from proxops.systems.shapes.ellipsoid import clearances
 
 

@@ -55,12 +55,8 @@ def test_ends_of_dispersions(tmp_path: Path) -> None:
     # The mass that is known on the day is no error.
     assert bounds.mass == pytest.approx(0.02)
     assert bounds.acceleration_m_s2 == pytest.approx(2e-4 + 4e-5 + 0.05 / 10.0 / 100.0)
-    assert (bounds.position_m, bounds.velocity_m_s, bounds.surface_m, bounds.delay_s) == (
-        0,
-        0,
-        0,
-        0,
-    )
+    none = bounds.position_m, bounds.velocity_m_s, bounds.surface_m, bounds.delay_s
+    assert none == (0, 0, 0, 0)
     # The navigation measures the phase.
     navigated = bounds_of(f"assurance={{bounds: {path}}}")
     assert navigated.thrust_direction_deg == pytest.approx(1.1 * math.sqrt(3.0))
@@ -138,7 +134,6 @@ def test_pole_and_spin_are_covered(tmp_path: Path) -> None:
         # Half a quantum of force; four deviations of a kick each period.
         ("truth.thrusters.quantum_n: {fixed: 0.2}", 0.1 / 100.0),
         ("kicks.velocity_std_m_s: {fixed: 0.01}", 4.0 * 0.01 / 10.0),
-        # A section that only the draw makes has its defaults.
     ],
 )
 def test_closed_forms(tmp_path: Path, text: str, acceleration: float) -> None:

@@ -107,6 +107,7 @@ def test_numbers_of_before_survey() -> None:
         "spin": 1e-5 / 3.0,
         "gravity": 0.11 / 3.0,
         "thrust": 0.05 / 3.0,
+        "thrust_varying": 0.0,
         "propellant_s_per_m": 1.0 / (9.80665 * 220.0),
         "thrust_direction_deg": 1.0 / 3.0,
         "acceleration_m_s2": 1.43e-3 * 0.07 / 3.0,

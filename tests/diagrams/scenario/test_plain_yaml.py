@@ -7,12 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.common.yaml import yaml_dump_typed, yaml_load
 
-from proxops.diagrams.scenario import (
-    Scenario,
-    dump_scenario,
-    load_scenario,
-    parse_scenario,
-)
+from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario, parse_scenario
 from proxops.diagrams.scenario.plain_yaml import read_yaml, write_yaml
 from proxops.systems.common import InputError
 

@@ -15,15 +15,9 @@ from proxops.diagrams.scenario.scenario import (
     load_scenario,
     parse_scenario,
 )
-from proxops.diagrams.scenario.scenario_config import (
-    Scenario,
-    TransitConfig,
-)
+from proxops.diagrams.scenario.scenario_config import Scenario, TransitConfig
 from proxops.systems.common.errors import InputError
-from proxops.systems.vehicle import (
-    PointMassConfig,
-    RandomWalkDisturbanceConfig,
-)
+from proxops.systems.vehicle import PointMassConfig, RandomWalkDisturbanceConfig
 
 
 def write(folder: Path, text: str | bytes, name: str = "scenario.yaml") -> Path:

@@ -6,11 +6,7 @@ import pytest
 from short_flights import kleopatra
 
 from proxops.diagrams.new_body import scaled_scenario, write_generated_body
-from proxops.diagrams.scenario import (
-    load_body,
-    load_scenario,
-    scenario_remarks,
-)
+from proxops.diagrams.scenario import load_body, load_scenario, scenario_remarks
 
 
 def said(*changes: str) -> list[str]:

@@ -14,8 +14,7 @@ from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.scenario.body import BodyConfig, load_body
 from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.systems.common import limits_of
-from proxops.systems.common.errors import InputError
+from proxops.systems.common import InputError, limits_of
 from proxops.systems.lidar import LearnedLidarConfig
 
 VALUES: tuple[typing.Any, ...] = (

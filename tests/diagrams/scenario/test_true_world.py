@@ -11,9 +11,7 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 from short_flights import BRIEF, PdController, Scripted, kleopatra, short_scenario
 
-from proxops.diagrams.flight.named_controllers import named_controller
-from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight import fly, make_transit_diagram, named_controller
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig

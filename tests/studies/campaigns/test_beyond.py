@@ -10,24 +10,10 @@ import pytest
 from short_flights import BRIEF, short_scenario, write_blob
 
 from proxops.diagrams.flight import Workers, named_controller
-from proxops.diagrams.scenario import (
-    Scenario,
-    dump_scenario,
-    load_body,
-)
-from proxops.studies.campaigns import Variant
+from proxops.diagrams.scenario import Scenario, dump_scenario, load_body
+from proxops.studies.campaigns import BODIES, Campaign, Variant, all_campaigns
 from proxops.studies.campaigns.flying import _inputs, campaign_scenario
-from proxops.studies.campaigns.table import (
-    BODIES,
-    Campaign,
-    all_campaigns,
-)
-from proxops.studies.reproduction.evidence import (
-    chosen_campaigns,
-    fly_and_tell,
-    own_bodies,
-    success_lines,
-)
+from proxops.studies.reproduction import chosen_campaigns, fly_and_tell, own_bodies, success_lines
 from proxops.systems import InputError
 from proxops.systems.policy import PolicyConfig
 

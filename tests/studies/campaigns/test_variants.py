@@ -7,12 +7,8 @@ import pytest
 from short_flights import BRIEF, short_scenario
 from synthetic_log import synthetic_log
 
-from proxops.diagrams.flight.campaign import transit_flights
-from proxops.diagrams.flight.parallel import Workers
-from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.scenario.body import Body
-from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.flight import Workers, fly, transit_flights
+from proxops.diagrams.scenario import Body, Scenario, load_scenario
 from proxops.studies.campaigns.describing import describe_flight
 from proxops.studies.campaigns.variants import (
     Variant,

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
-from proxops.studies.figures.intervals import (
-    exact_interval,
-    percentile_bound,
-    shown_success,
-)
+from proxops.studies.figures.intervals import exact_interval, percentile_bound, shown_success
 from proxops.systems.common import generator
 
 

@@ -14,12 +14,8 @@ from known_policies import Counting, DeadReckoning, write_policy
 
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.studies.figures.results import Result, aggregate, figure_rows, results_from_json
-from proxops.studies.report.shown_flights import (
-    may_be_shown,
-    outcome,
-    shown_transits,
-    worst_flights,
-)
+from proxops.studies.report import may_be_shown, outcome
+from proxops.studies.report.shown_flights import shown_transits, worst_flights
 from proxops.systems.vehicle import ArrivalConfig
 
 POLICY = {"policy_sha256": "1" * 64, "mpc_solves": 0, "policy_share": 1.0}

@@ -15,11 +15,7 @@ from short_flights import BRIEF, short_scenario
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Scenario, dump_scenario
 from proxops.studies.campaigns.variants import Variant, fly_variants
-from proxops.studies.reproduction.paper_experiments import (
-    ReproductionSettings,
-    _origin,
-    reproduce,
-)
+from proxops.studies.reproduction.paper_experiments import ReproductionSettings, _origin, reproduce
 from proxops.studies.reproduction.paper_flights import paper_variants
 from proxops.systems.policy import PolicyConfig
 

@@ -16,12 +16,7 @@ from short_flights import kleopatra
 from proxops.diagrams.flight.scenario_systems import bounded_backup
 from proxops.diagrams.logs.flight_summary import dense_positions
 from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.systems import (
-    AssuranceBounds,
-    BackupBraking,
-    FlightLimits,
-    InterventionReason,
-)
+from proxops.systems import AssuranceBounds, BackupBraking, FlightLimits, InterventionReason
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
 from proxops.systems.shapes.ellipsoid import clearances
 from proxops.systems.vehicle.state_prediction import predicted_state

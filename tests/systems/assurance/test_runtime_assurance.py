@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from one_system import context_of
 from short_flights import BRIEF, Scripted, falling_flight, kleopatra, short_scenario
 
-from proxops.diagrams.flight.scenario_systems import make_backup
-from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight import fly, make_backup
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import BackupBraking, InputError, InterventionReason, RuntimeAssurance
@@ -29,9 +29,7 @@ def held_flight() -> FlightLog:
 
 
 def evaluate(system: RuntimeAssurance, state, force) -> tuple[np.ndarray, np.ndarray]:
-    context = system.CreateDefaultContext()
-    system.GetInputPort("state").FixValue(context, state)
-    system.GetInputPort("force").FixValue(context, force)
+    context = context_of(system, state=state, force=force)
     output = system.GetOutputPort("force").Eval(context)
     return output, system.GetOutputPort("intervention").Eval(context)
 
@@ -137,9 +135,7 @@ def test_a_longer_covariance_needs_a_wider_margin(backup: BackupBraking) -> None
     covariance = np.eye(9)
     covariance[:3, :3] = turn @ np.diag([4.0, 30.0, 50.0]) ** 2 @ turn.T
     covariance[3:6, 3:6] = turn @ np.diag([0.01, 0.02, 0.1]) ** 2 @ turn.T
-    context = system.CreateDefaultContext()
-    system.GetInputPort("state").FixValue(context, state)
-    system.GetInputPort("force").FixValue(context, force)
+    context = context_of(system, state=state, force=force)
     known = system.GetOutputPort("margin").Eval(context)
     assert known == pytest.approx([backup.assure(state, force).margin, 0.0, 0.0])
     system.GetInputPort("covariance").FixValue(context, covariance.ravel())

@@ -172,25 +172,21 @@ def test_the_cache_lies_in_the_user_s_own_folder(
     assert cache_folder("gravity") == tmp_path / "other" / "proxops" / "gravity"
 
 
-def test_a_folder_in_which_others_may_write_is_not_used(homeless: Path) -> None:
-    folder = homeless / f"proxops-{os.getuid()}"
-    folder.mkdir()
-    folder.chmod(0o777)
-    assert cache_folder("kernels") is None
-
-
-def test_a_folder_of_another_user_is_not_used(
+def test_a_folder_that_another_user_can_change_is_not_used(
     homeless: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """One in which others may write, a link to another, and one of another user."""
+    folder = homeless / f"proxops-{os.getuid()}"
+    folder.mkdir(mode=0o700)
+    assert cache_folder("kernels") == folder / "kernels"
+    folder.chmod(0o777)
+    assert cache_folder("kernels") is None
+    folder.rename(homeless / "elsewhere").chmod(0o700)
+    folder.symlink_to(homeless / "elsewhere")
+    assert cache_folder("kernels") is None
     other = os.getuid() + 1
     (homeless / f"proxops-{other}").mkdir(mode=0o700)
     monkeypatch.setattr(os, "getuid", lambda: other)
-    assert cache_folder("kernels") is None
-
-
-def test_a_link_to_a_folder_is_not_used(homeless: Path) -> None:
-    (homeless / "elsewhere").mkdir(mode=0o700)
-    (homeless / f"proxops-{os.getuid()}").symlink_to(homeless / "elsewhere")
     assert cache_folder("kernels") is None
 
 

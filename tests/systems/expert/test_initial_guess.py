@@ -6,8 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import Scenario, load_body
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import Horizon, Plan, TransitProgram
 from proxops.systems.expert.initial_guess import initial_paths

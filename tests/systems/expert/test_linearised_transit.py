@@ -12,8 +12,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolutionResult,
 from scipy.linalg import expm
 
 from proxops.diagrams.flight.transit_diagram import make_mpc
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import Scenario, load_body
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import Gravity, Plan, TransitProgram
 from proxops.systems.common.errors import SolverFailure

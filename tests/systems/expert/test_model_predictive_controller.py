@@ -4,14 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from one_system import context_of
 from pydrake.solvers import SolutionResult
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import Scenario, load_body
 from proxops.systems import (
     DelayedHold,
     InputError,
@@ -66,12 +66,7 @@ def counting_expert() -> tuple[ModelPredictiveController, CountingProgram]:
 
 def alone(state, target=TARGET, time: float = 0.0, controller=None):
     """A Context of the controller with its inputs fixed, and nothing remembered."""
-    controller = controller or expert()
-    context = controller.CreateDefaultContext()
-    context.SetTime(time)
-    controller.GetInputPort("state").FixValue(context, np.asarray(state, dtype=float))
-    controller.GetInputPort("target").FixValue(context, np.asarray(target, dtype=float))
-    return context
+    return context_of(controller or expert(), time, state=state, target=target)
 
 
 def force_of(context, controller=None) -> np.ndarray:
@@ -101,9 +96,6 @@ def random_states(count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
             velocity = random.uniform(-10.0, 10.0, 3)
             found.append((np.append(ends[0], velocity), np.append(ends[1], np.zeros(3))))
     return found
-
-
-# Alone
 
 
 # A function of state and target
@@ -287,8 +279,8 @@ def flight(
     return builder.Build()
 
 
-def simulator_of(diagram: Diagram, context=None) -> Simulator:
-    simulator = Simulator(diagram, context) if context is not None else Simulator(diagram)
+def simulator_of(diagram: Diagram) -> Simulator:
+    simulator = Simulator(diagram)
     # Steps of fixed length: an integrator's choice of the next step is no part of the Context.
     integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", PERIOD)
     integrator.set_fixed_step_mode(True)
@@ -477,32 +469,12 @@ def test_reasons_of_failures(failure, reason):
     assert reason_of(alone(START, controller=controller), controller) == (BRAKING, reason)
 
 
-# The Context
-
-
-def test_clone_of_a_flight_replays_bit_for_bit():
-    controller, _ = counting_expert()
-    diagram = flight(controller)
-    simulator = simulator_of(diagram)
-    simulator.AdvanceTo(23.5 * PERIOD)
-    twin = simulator_of(diagram, simulator.get_context().Clone())
-    simulator.AdvanceTo(60 * PERIOD)
-    twin.AdvanceTo(60 * PERIOD)
-    for name in ("force", "state"):
-        after = logged(simulator, name)[24:]
-        assert len(after) == 37
-        assert np.array_equal(after, logged(twin, name)[-37:])
-    assert np.array_equal(memory_of(simulator), memory_of(twin))
-
-
 def test_the_time_that_is_left_bounds_plans_until_it_is_too_late():
     like = expert().program
     length = like.solve(START, TARGET, iterations=COLD).times[-1]
     latest = 0.9 * length
     system = ModelPredictiveController(like, PERIOD, COLD, latest=latest)
-    context = system.CreateDefaultContext()
-    system.GetInputPort("state").FixValue(context, START)
-    system.GetInputPort("target").FixValue(context, TARGET)
+    context = alone(START, controller=system)
 
     def planned(now: float) -> float:
         context.SetTime(now)

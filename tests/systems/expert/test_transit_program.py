@@ -5,21 +5,14 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
+from plain_motion import moved
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import Scenario, load_body
 from proxops.diagrams.scenario.transits import transit_set
-from proxops.systems import (
-    FlightLimits,
-    GravityField,
-    Horizon,
-    Plan,
-    Polyhedron,
-    TransitProgram,
-)
+from proxops.systems import FlightLimits, GravityField, Horizon, Plan, Polyhedron, TransitProgram
 from proxops.systems.shapes.ellipsoid import blocks_segment, clearances
 from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration
 
@@ -36,12 +29,12 @@ def program() -> TransitProgram:
 
 
 @cache
-def transits(count: int = 10) -> list[tuple[np.ndarray, np.ndarray]]:
+def transits() -> list[tuple[np.ndarray, np.ndarray]]:
     """Starts and targets (6,), at rest; 1, 4 and 7 have the body in the way."""
     rest = np.zeros(3)
     return [
         (np.concatenate([transit.start, rest]), np.concatenate([transit.goal, rest]))
-        for transit in transit_set(77, count)
+        for transit in transit_set(77, 10)
     ]
 
 
@@ -81,13 +74,8 @@ def flown_open_loop(start: np.ndarray, plan: Plan) -> np.ndarray:
     """States (N + 1, 6) at the knots, in the true field."""
     states = [start]
     for force, step in zip(plan.forces, np.diff(plan.times), strict=True):
-
-        def rates(_, x, force=force):
-            gravity = program().field.evaluate(x[None, :3]).acceleration[0]
-            pull = rotating_frame_acceleration(x[:3], x[3:], gravity, force, MASS, program().spin)
-            return np.concatenate([x[3:], pull])
-
-        states.append(solve_ivp(rates, (0.0, step), states[-1], rtol=1e-9, atol=1e-4).y[:, -1])
+        push = force / MASS
+        states.append(moved(program().field, program().spin, states[-1], push, step, 1e-9))
     return np.array(states)
 
 
@@ -146,11 +134,11 @@ def test_blocked_plan_goes_round_the_ellipsoid_and_touches_it(start, target):
 # Optimality, where the answer is known
 
 
-def free_program(speed: float = 1e3, thrust: float = THRUST, horizon=None) -> TransitProgram:
+def free_program(horizon: Horizon) -> TransitProgram:
     """Beside a rock of 1 km that does not spin: no force but the thrusters'."""
     rock = Polyhedron.from_trimesh(trimesh.creation.box(extents=3 * [1e3]), "m")
-    limits = FlightLimits(MASS, thrust, speed, np.array([70e3, 70e3, 70e3]))
-    return TransitProgram(GravityField(rock, density=1000.0), 0.0, limits, horizon or Horizon())
+    limits = FlightLimits(MASS, THRUST, 1e3, np.array([70e3, 70e3, 70e3]))
+    return TransitProgram(GravityField(rock, density=1000.0), 0.0, limits, horizon)
 
 
 def least_effort(start, target, times) -> np.ndarray:

@@ -6,9 +6,7 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 
 from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario import Scenario, load_body, load_scenario
 from proxops.systems import (
     ErrorWeights,
     FlightLimits,

@@ -14,16 +14,16 @@ import numba
 import numpy as np
 import pytest
 import trimesh
+from gauss_law import outward_flux
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_polyhedral_gravity import G, PlainPolyhedralGravity, box, star_shaped
 
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems.common.errors import InputError
+from proxops.systems.gravity import GravityField, gravity_field
 from proxops.systems.gravity import _polyhedral_kernel as kernel
-from proxops.systems.gravity import gravity_field
 from proxops.systems.gravity._far_field import fit_masses
-from proxops.systems.gravity.gravity_field import GravityField
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 DENSITY = 2000.0
@@ -32,8 +32,8 @@ seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=8)
 
 
-def field_of(mesh: trimesh.Trimesh, density: float = DENSITY) -> GravityField:
-    return GravityField(Polyhedron.from_trimesh(mesh, "m"), density=density)
+def field_of(mesh: trimesh.Trimesh) -> GravityField:
+    return GravityField(Polyhedron.from_trimesh(mesh, "m"), density=DENSITY)
 
 
 def relative(value: np.ndarray, reference: np.ndarray) -> float:
@@ -276,18 +276,6 @@ def test_far_field_joins_without_a_step(kleopatra, kleopatra_extended) -> None:
 # --- against the plain implementation -------------------------------------------------------------
 
 
-def test_kleopatra_against_the_plain_formula(kleopatra, kleopatra_mesh) -> None:
-    shape, field = kleopatra.shape, kleopatra.gravity_field
-    plain = PlainPolyhedralGravity(shape.vertices, shape.facets, field.density)
-    surface, _ = surface_points(kleopatra_mesh, 300)
-    share = np.exp(np.random.default_rng(4).uniform(np.log(1.0001), np.log(10.0), 300))
-    points = surface * share[:, None]
-    result = field.evaluate(points)
-    reference = [plain.at(point) for point in points]
-    for index in range(3):
-        assert relative(result[index], np.array([r[index] for r in reference])) < 1e-11
-
-
 def test_kleopatra_against_extended_precision(
     kleopatra, kleopatra_mesh, kleopatra_extended: PlainPolyhedralGravity
 ) -> None:
@@ -341,22 +329,6 @@ def test_beside_edges(kleopatra, kleopatra_extended, distance: float) -> None:
 
 
 # --- laws -----------------------------------------------------------------------------------------
-
-
-def outward_flux(field: GravityField, centre: np.ndarray, radius: float) -> float:
-    """Flux of the acceleration through a sphere: Gauss-Legendre in z, trapezium in azimuth."""
-    z, weight = np.polynomial.legendre.leggauss(48)
-    azimuth = 2 * np.pi * np.arange(96) / 96
-    across = np.sqrt(1 - z**2)
-    normal = np.stack(
-        np.broadcast_arrays(
-            across[:, None] * np.cos(azimuth), across[:, None] * np.sin(azimuth), z[:, None]
-        ),
-        axis=-1,
-    ).reshape(-1, 3)
-    weights = np.repeat(weight, 96) * 2 * np.pi / 96 * radius**2
-    acceleration = field.evaluate(centre + radius * normal).acceleration
-    return float(weights @ np.einsum("ni,ni->n", acceleration, normal))
 
 
 @settings(max_examples=5)

@@ -6,6 +6,7 @@ The peers come with the `bench` extra; without one its half of a test is skipped
 import numpy as np
 import pytest
 import trimesh
+from scripts import load_script
 
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems import GravityField, Polyhedron
@@ -20,19 +21,13 @@ def box_field(size=1.0):
 
 
 def esa(field):
-    package = pytest.importorskip("polyhedral_gravity")
-    source = (field.shape.vertices, field.shape.facets)
-    off = package.PolyhedronIntegrity.DISABLE
-    return package.GravityEvaluable(package.Polyhedron(source, field.density, integrity_check=off))
+    pytest.importorskip("polyhedral_gravity")
+    return load_script("benchmarks/_peers.py").esa_model(field)
 
 
 def basilisk(field):
-    effector = pytest.importorskip("Basilisk.simulation.gravityEffector")
-    model = effector.PolyhedralGravityModel()
-    model.xyzVertex = field.shape.vertices.tolist()
-    model.orderFacet = (field.shape.facets + 1).tolist()
-    model.muBody = GRAVITATIONAL_CONSTANT * field.mass
-    model.initializeParameters()
+    pytest.importorskip("Basilisk")
+    model = load_script("benchmarks/_peers.py").basilisk_model(field)
     return lambda point: np.ravel(model.computeField(np.reshape(point, (3, 1)).tolist()))
 
 

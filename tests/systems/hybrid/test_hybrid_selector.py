@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from one_system import context_of
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, ZeroOrderHold
@@ -166,9 +167,7 @@ def test_the_period_allows_for_the_covariance() -> None:
     covariance = np.zeros((9, 9))
     covariance[:3, :3] = turn @ np.diag([10.0, 50.0, 200.0]) ** 2 @ turn.T
     covariance[3:6, 3:6] = turn @ np.diag([0.01, 0.05, 0.2]) ** 2 @ turn.T
-    context = selector.CreateDefaultContext()
-    for name, value in (("mpc_force", [2, 0, 0]), ("policy_force", [2, 0, 0]), ("state", state)):
-        selector.GetInputPort(name).FixValue(context, value)
+    context = context_of(selector, mpc_force=[2, 0, 0], policy_force=[2, 0, 0], state=state)
     known = selector.GetOutputPort("record").Eval(context)[5]
     selector.GetInputPort("covariance").FixValue(context, covariance.ravel())
     unsure = selector.GetOutputPort("record").Eval(context)[5]

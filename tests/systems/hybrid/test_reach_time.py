@@ -94,26 +94,22 @@ def test_no_thrust_reaches_the_ellipsoid_sooner(model: ReachModel) -> None:
     assert np.median(safe[hit] / soonest[hit]) > 0.75
 
 
-def test_straight_down_without_gravity_or_spin() -> None:
-    """Along an axis, from rest and with a speed: the clearance over t of constant acceleration."""
+@pytest.mark.parametrize(("height", "speed"), [(5e3, 0.0), (40e3, 0.0), (40e3, 20.0)])
+def test_straight_down_without_gravity_or_spin(height: float, speed: float) -> None:
+    """Along an axis, from rest and with a speed: the times of constant acceleration."""
     model = ReachModel.of(PointMassField(1e-3), AXES, 0.0, 0.07)
-    for height, speed in ((5e3, 0.0), (40e3, 0.0), (40e3, 20.0)):
-        state = np.array([0.0, 0.0, AXES[2] + height, 0.0, 0.0, -speed])
-        time = (-speed + np.sqrt(speed**2 + 2 * 0.07 * height)) / 0.07
-        steps = model.steps_out_of_reach(state, STEP, 200)
-        # Between steps it allows for the speed that any thrust could give.
-        assert time / STEP - 3.0 <= steps <= time / STEP
+    state = np.array([0.0, 0.0, AXES[2] + height, 0.0, 0.0, -speed])
+    time = (-speed + np.sqrt(speed**2 + 2 * 0.07 * height)) / 0.07
+    # Between steps it allows for the speed that any thrust could give.
+    assert time / STEP - 3.0 <= model.steps_out_of_reach(state, STEP, 200) <= time / STEP
+    # Pushed in for t and then out, it turns at the ellipsoid:
+    # speed t + a t^2 / 2 + (speed + a t)^2 / (2 a) = height
+    time = (-speed + np.sqrt(0.5 * speed**2 + 0.07 * height)) / 0.07
+    assert model.steps_out_of_reach(state, STEP, 200, stopping=True) == int(time / STEP)
 
 
-def test_room_to_stop_without_gravity_or_spin() -> None:
-    """Along an axis: pushed in for t and then out, it turns at the ellipsoid."""
+def test_too_fast_to_stop() -> None:
     model = ReachModel.of(PointMassField(1e-3), AXES, 0.0, 0.07)
-    for height, speed in ((5e3, 0.0), (40e3, 0.0), (40e3, 20.0)):
-        state = np.array([0.0, 0.0, AXES[2] + height, 0.0, 0.0, -speed])
-        # speed t + a t^2 / 2 + (speed + a t)^2 / (2 a) = height
-        time = (-speed + np.sqrt(0.5 * speed**2 + 0.07 * height)) / 0.07
-        steps = model.steps_out_of_reach(state, STEP, 200, stopping=True)
-        assert steps == int(time / STEP)
     fast = np.array([0.0, 0.0, AXES[2] + 5e3, 0.0, 0.0, -30.0])  # 6.4 km to stop.
     assert model.steps_out_of_reach(fast, STEP, 200, stopping=True) == 0
     assert model.steps_out_of_reach(fast, STEP, 200) > 10

@@ -3,16 +3,10 @@
 import numpy as np
 import pytest
 import trimesh
+from contact_binary import box, polyhedron
 from scipy.spatial.transform import Rotation
 
-from proxops.diagrams.scenario.body import load_body
-from proxops.systems import (
-    Lidar,
-    LidarErrors,
-    LidarGeometry,
-    Polyhedron,
-    RayCaster,
-)
+from proxops.systems import Lidar, LidarErrors, LidarGeometry, Polyhedron, RayCaster
 
 FEW = LidarGeometry(planes=12, rays=180)
 # A field of 60 degrees, which looks along -x.
@@ -21,23 +15,6 @@ FLASH, DOWN = LidarGeometry(40, 50, field_of_view=1.05), Rotation.from_rotvec([0
 PLACES = np.array(
     [[150e3, 20e3, 10e3], [-60e3, 120e3, -90e3], [20e3, 80e3, 40e3], [5e3, -50e3, 45e3]]
 )
-
-
-@pytest.fixture(scope="module")
-def kleopatra() -> Polyhedron:
-    return load_body("kleopatra").shape
-
-
-def box(centre, extents) -> trimesh.Trimesh:
-    mesh = trimesh.creation.box(extents)
-    mesh.apply_translation(centre)
-    return mesh
-
-
-def polyhedron(*meshes: trimesh.Trimesh) -> Polyhedron:
-    together = trimesh.util.concatenate(list(meshes))
-    assert isinstance(together, trimesh.Trimesh)
-    return Polyhedron.from_trimesh(together, "m")
 
 
 def true_ranges(lidar: Lidar, place: np.ndarray, rotation: np.ndarray | None = None) -> np.ndarray:

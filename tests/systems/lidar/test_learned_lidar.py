@@ -1,7 +1,5 @@
 """The learned lidar with a network known in closed form: against the ray-caster, and refusals."""
 
-import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +16,8 @@ from ball_lidar import (
     export_ball_bundle,
     write_ball_frame_bundle,
 )
+from exported_once import change_json, copied
+from one_system import evaluated
 
 from proxops.systems import InputError, LearnedLidar, Lidar, LidarErrors, LidarGeometry
 from proxops.systems.lidar.lidar_bundle import LidarBundle
@@ -33,10 +33,7 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def frame(lidar, place, time: float = 0.0) -> np.ndarray:
-    context = lidar.CreateDefaultContext()
-    context.SetTime(time)
-    lidar.GetInputPort("position").FixValue(context, place)
-    return lidar.GetOutputPort("ranges").Eval(context)
+    return evaluated(lidar, "ranges", time, position=place)
 
 
 # --- what it reads --------------------------------------------------------------------------------
@@ -132,15 +129,6 @@ def test_export_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
     assert list(tmp_path.iterdir()) == []
 
 
-def copied(bundle: Path, folder: Path) -> Path:
-    return Path(shutil.copytree(bundle, folder / "bundle"))
-
-
-def change(path: Path, **changes: object) -> None:
-    content = json.loads(path.read_text()) | changes
-    path.write_text(json.dumps(content))
-
-
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
@@ -156,7 +144,7 @@ def test_damaged_bundles_are_refused(
     frame_bundle: Path, tmp_path: Path, changes: dict[str, object], why: str
 ):
     folder = copied(frame_bundle, tmp_path)
-    change(folder / "bundle.json", **changes)
+    change_json(folder / "bundle.json", **changes)
     with pytest.raises(InputError, match=why):
         LidarBundle.load(folder)
 

@@ -3,37 +3,13 @@
 import numpy as np
 import pytest
 import trimesh
+from contact_binary import box, polyhedron
+from one_system import context_of
 from pydrake.perception import PointCloud
 from scipy import stats
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
-from proxops.diagrams.scenario.body import load_body
-from proxops.systems import (
-    Lidar,
-    LidarErrors,
-    LidarGeometry,
-    Polyhedron,
-    ray_directions,
-)
-
-
-def box(centre, edge: float = 2e3) -> trimesh.Trimesh:
-    mesh = trimesh.creation.box(extents=3 * [edge])
-    mesh.apply_translation(centre)
-    return mesh
-
-
-def polyhedron(*meshes: trimesh.Trimesh) -> Polyhedron:
-    together = trimesh.util.concatenate(list(meshes))
-    assert isinstance(together, trimesh.Trimesh)
-    return Polyhedron.from_trimesh(together, "m")
-
-
-def lidar_at(lidar: Lidar, position, time: float = 0.0):
-    context = lidar.CreateDefaultContext()
-    context.SetTime(time)
-    lidar.GetInputPort("position").FixValue(context, np.asarray(position, dtype=float))
-    return context
+from proxops.systems import Lidar, LidarErrors, LidarGeometry, Polyhedron, ray_directions
 
 
 def ranges(lidar: Lidar, context) -> np.ndarray:
@@ -42,11 +18,6 @@ def ranges(lidar: Lidar, context) -> np.ndarray:
 
 def hits(frame: np.ndarray) -> list[tuple[int, int]]:
     return [(int(i), int(j)) for i, j in np.argwhere(np.isfinite(frame))]
-
-
-@pytest.fixture(scope="module")
-def kleopatra() -> Polyhedron:
-    return load_body("kleopatra").shape
 
 
 # Directions and the order of the frame
@@ -70,23 +41,23 @@ def test_small_box_is_hit_by_the_one_ray_towards_it(index, direction):
     sphere = trimesh.creation.icosphere(subdivisions=2, radius=1e3)
     sphere.apply_translation(position + 100e3 * np.array(direction))
     lidar = Lidar(polyhedron(sphere), LidarErrors())
-    frame = ranges(lidar, lidar_at(lidar, position))
+    frame = ranges(lidar, context_of(lidar, position=position))
     assert hits(frame) == [index]
     # An icosphere of two subdivisions keeps within 4 % of its radius.
     assert frame[index] == pytest.approx(99e3, abs=40.0)
 
 
 def test_maximum_range():
-    shape = polyhedron(box([101e3, 0.0, 0.0]))
+    shape = polyhedron(box([101e3, 0.0, 0.0], 3 * [2e3]))
     near, far = (
         Lidar(shape, LidarErrors(), LidarGeometry(max_range=99_990.0)),
         Lidar(shape, LidarErrors(), LidarGeometry(max_range=100_010.0)),
     )
-    assert hits(ranges(near, lidar_at(near, np.zeros(3)))) == []
-    assert hits(ranges(far, lidar_at(far, np.zeros(3)))) == [(0, 0)]
+    assert hits(ranges(near, context_of(near, position=np.zeros(3)))) == []
+    assert hits(ranges(far, context_of(far, position=np.zeros(3)))) == [(0, 0)]
     default = Lidar(shape, LidarErrors())
-    assert hits(ranges(default, lidar_at(default, [-249.9e3, 0, 0]))) == [(0, 0)]
-    assert hits(ranges(default, lidar_at(default, [-250.1e3, 0, 0]))) == []
+    assert hits(ranges(default, context_of(default, position=[-249.9e3, 0, 0]))) == [(0, 0)]
+    assert hits(ranges(default, context_of(default, position=[-250.1e3, 0, 0]))) == []
 
 
 # Against trimesh's own exact intersections
@@ -125,7 +96,7 @@ def test_ranges_agree_with_exact_intersections(name, count, kleopatra):
     directions = ray_directions()
     differing, found = 0, 0
     for position in outside_poses(shape, count, 150e3):
-        frame = ranges(lidar, lidar_at(lidar, position)).ravel()
+        frame = ranges(lidar, context_of(lidar, position=position)).ravel()
         points, rays, facets = exact.intersects_location(
             np.tile(position, (len(directions), 1)), directions, multiple_hits=True
         )
@@ -152,10 +123,10 @@ def test_ranges_agree_with_exact_intersections(name, count, kleopatra):
 def test_noise_is_gaussian_with_the_stated_deviation(kleopatra):
     position = [0.0, 20e3, 25e3]
     exact, noisy = Lidar(kleopatra, LidarErrors()), Lidar(kleopatra)
-    truth = ranges(exact, lidar_at(exact, position))
+    truth = ranges(exact, context_of(exact, position=position))
     errors = []
     for step in range(12):
-        frame = ranges(noisy, lidar_at(noisy, position, 10.0 * step))
+        frame = ranges(noisy, context_of(noisy, 10.0 * step, position=position))
         assert hits(frame) == hits(truth)
         errors.append(frame[np.isfinite(truth)] - truth[np.isfinite(truth)])
     sample = np.concatenate(errors)
@@ -175,7 +146,7 @@ def test_noise_is_gaussian_with_the_stated_deviation(kleopatra):
 def test_point_cloud_agrees_with_ranges(kleopatra):
     position = np.array([20e3, 60e3, -30e3])
     lidar = Lidar(kleopatra)
-    context = lidar_at(lidar, position, 20.0)
+    context = context_of(lidar, 20.0, position=position)
     frame = ranges(lidar, context).ravel()
     cloud = lidar.GetOutputPort("point_cloud").Eval(context)
     assert isinstance(cloud, PointCloud)
@@ -185,7 +156,7 @@ def test_point_cloud_agrees_with_ranges(kleopatra):
     points = cloud.xyzs().T
     assert points == pytest.approx(expected, rel=1e-6, abs=0.02)
     exact = Lidar(kleopatra, LidarErrors())
-    cloud = exact.GetOutputPort("point_cloud").Eval(lidar_at(exact, position))
+    cloud = exact.GetOutputPort("point_cloud").Eval(context_of(exact, position=position))
     surface = trimesh.proximity.closest_point(
         kleopatra.to_trimesh(), position + cloud.xyzs().T[::20]
     )
@@ -202,7 +173,7 @@ def test_frames_equal_the_port(kleopatra):
     assert frames.shape == (4, 12, 360)
     assert frames.dtype == np.float32
     for time, position, frame in zip(times, positions, frames, strict=True):
-        context = lidar_at(lidar, position, float(time))
+        context = context_of(lidar, float(time), position=position)
         lidar.set_seed(context, 8)
         assert np.array_equal(frame, ranges(lidar, context).astype(np.float32))
     assert lidar.frames(np.zeros(0), np.zeros((0, 3)), seed=8).shape == (0, 12, 360)

@@ -1,16 +1,17 @@
 """A lidar on a spacecraft whose axes are not those of K, as it believes."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 from ball_lidar import CENTRE, RADIUS, write_ball_bundle
 from numpy.typing import ArrayLike
+from one_system import context_of
 from pydrake.perception import PointCloud
 from scipy.spatial.transform import Rotation
 
-from proxops.diagrams.scenario.body import load_body
 from proxops.systems import (
     InputError,
     LearnedLidar,
@@ -29,11 +30,6 @@ TURN = Rotation.from_rotvec(np.radians([3.0, -40.0, 75.0]))
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-@pytest.fixture(scope="module")
-def kleopatra() -> Polyhedron:
-    return load_body("kleopatra").shape
-
-
 def quaternion(turn: Rotation) -> np.ndarray:
     """(w, x, y, z)."""
     return np.roll(turn.as_quat(), 1)
@@ -41,12 +37,8 @@ def quaternion(turn: Rotation) -> np.ndarray:
 
 def pose(lidar: PlanarLidar, place: ArrayLike, attitude: np.ndarray | None, time: float = 0.0):
     """A Context; without an attitude the port stays unconnected."""
-    context = lidar.CreateDefaultContext()
-    context.SetTime(time)
-    lidar.GetInputPort("position").FixValue(context, np.asarray(place, dtype=float))
-    if attitude is not None:
-        lidar.GetInputPort("attitude").FixValue(context, attitude)
-    return context
+    turned: dict[str, Any] = {} if attitude is None else {"attitude": attitude}
+    return context_of(lidar, time, position=place, **turned)
 
 
 def frame(lidar: PlanarLidar, place: ArrayLike, attitude: np.ndarray | None = None) -> np.ndarray:

@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import ArrayLike
+from one_system import context_of, evaluated
 from scipy import stats
 
-from proxops.diagrams.scenario.body import load_body
 from proxops.systems import Lidar, LidarGeometry, Polyhedron, RayCaster, ray_directions
-from proxops.systems.lidar.lidar_errors import (
-    LidarErrors,
-    false_ranges,
-)
+from proxops.systems.lidar.lidar_errors import LidarErrors, false_ranges
 
 POSITION = np.array([10e3, 30e3, 25e3])
 ALL: dict[str, Any] = {
@@ -26,11 +23,6 @@ ALL: dict[str, Any] = {
 
 
 @pytest.fixture(scope="module")
-def kleopatra() -> Polyhedron:
-    return load_body("kleopatra").shape
-
-
-@pytest.fixture(scope="module")
 def room() -> Polyhedron:
     """A cube of 20 km about the origin: from within, every ray returns."""
     return Polyhedron.from_trimesh(trimesh.creation.box([20e3, 20e3, 20e3]), "m")
@@ -38,11 +30,7 @@ def room() -> Polyhedron:
 
 def frame(lidar: Lidar, position: ArrayLike = POSITION, step: int = 0, seed: int = 0) -> np.ndarray:
     """One frame through the port (planes * rays,)."""
-    context = lidar.CreateDefaultContext()
-    context.SetTime(10.0 * step)
-    lidar.set_seed(context, seed)
-    lidar.GetInputPort("position").FixValue(context, np.asarray(position, dtype=float))
-    return lidar.GetOutputPort("ranges").Eval(context)
+    return evaluated(lidar, "ranges", 10.0 * step, seed, position=position)
 
 
 # --- each option alone ----------------------------------------------------------------------------
@@ -165,11 +153,8 @@ def test_one_option_leaves_the_numbers_of_the_others(kleopatra: Polyhedron, opti
 
 def test_all_is_a_pure_function_of_seed_and_step(kleopatra: Polyhedron) -> None:
     lidar = Lidar(kleopatra, LidarErrors(50.0, **ALL), seed=5)
-    context = lidar.CreateDefaultContext()
-    port = lidar.GetInputPort("position")
+    context = context_of(lidar, 70.0, position=POSITION)
     ranges = lidar.GetOutputPort("ranges")
-    port.FixValue(context, POSITION)
-    context.SetTime(70.0)
     first = ranges.Eval(context).copy()
     context.SetTime(80.0)
     assert not np.array_equal(first, ranges.Eval(context))

@@ -46,15 +46,15 @@ def test_around_kleopatra() -> None:
     check(outcomes("kleopatra", 40, 100), 0.97)
 
 
+@pytest.mark.parametrize(
+    ("count", "seed", "at_least", "wrong"),
+    [(8, 200, 0.85, 0.0), pytest.param(150, 2000, 0.93, 0.02, marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("name", BODIES)
-def test_false_returns_and_dropout(name: str) -> None:
-    check(outcomes(name, 8, 200, false_returns=0.2, dropout=0.1), 0.85)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", BODIES)
-def test_many_places_with_false_returns(name: str) -> None:
-    check(outcomes(name, 150, 2000, false_returns=0.2, dropout=0.1), 0.93, wrong=0.02)
+def test_false_returns_and_dropout(
+    name: str, count: int, seed: int, at_least: float, wrong: float
+) -> None:
+    check(outcomes(name, count, seed, false_returns=0.2, dropout=0.1), at_least, wrong)
 
 
 def test_the_attitude_as_known_turns_everything() -> None:

@@ -12,7 +12,7 @@ from short_flights import kleopatra
 
 from proxops.systems import ExpectedErrors, ray_directions
 from proxops.systems.lidar import DEFAULT_GEOMETRY
-from proxops.systems.navigation import Estimate, _update_kernel, correction
+from proxops.systems.navigation import Estimate, MapError, _update_kernel, correction
 from proxops.systems.navigation.correction import Correction, corrected
 from proxops.systems.navigation.estimate import (
     ATTITUDE,
@@ -22,7 +22,6 @@ from proxops.systems.navigation.estimate import (
     first_sigmas,
 )
 from proxops.systems.navigation.frame_model import FrameModel
-from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import ray_caster
 
 PLACE = np.array([150e3, 40e3, -30e3])

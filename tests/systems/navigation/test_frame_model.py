@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from proxops.systems import Lidar, LidarErrors, LidarGeometry, Polyhedron
 from proxops.systems.lidar.lidar_errors import measured_ranges
-from proxops.systems.navigation import Estimate
+from proxops.systems.navigation import Estimate, MapError
 from proxops.systems.navigation.estimate import (
     BASE,
     HALF_BEAM,
@@ -22,7 +22,6 @@ from proxops.systems.navigation.estimate import (
     SIZE,
 )
 from proxops.systems.navigation.frame_model import Comparison, FrameModel
-from proxops.systems.navigation.map_error import MapError
 from proxops.systems.shapes import ray_caster, vertex_normals
 
 PLACE = np.array([160e3, 70e3, -60e3])
@@ -45,11 +44,11 @@ def model(shape: Polyhedron, map_error: MapError | None = None, beam: float = 0.
     return FrameModel(shape, GEOMETRY, 5.0, map_error or MapError(shape), beam)
 
 
-def estimate(modes: int = 0, position: np.ndarray = PLACE, turn: Rotation = TURN) -> Estimate:
+def estimate(modes: int = 0) -> Estimate:
     n = BASE + modes
     mean = np.zeros(n)
-    mean[:3] = position
-    return Estimate(mean, turn.as_matrix(), np.zeros((n, n)))
+    mean[:3] = PLACE
+    return Estimate(mean, TURN.as_matrix(), np.zeros((n, n)))
 
 
 def cast(shape: Polyhedron, position: np.ndarray = PLACE, turn: Rotation = TURN) -> np.ndarray:

@@ -6,19 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from navigated_flight import ATTITUDE, MASS, NOISE, PERIOD, Flight, flight, frame, navigation
-from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from one_system import context_of
+from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
-from short_flights import BRIEF, Scripted, kleopatra, short_scenario
+from short_flights import BRIEF, kleopatra, on_lidar
 
-from proxops.diagrams.flight.simulation import fly, make_simulator
-from proxops.diagrams.flight.transit_diagram import make_transit_diagram
+from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.scenario import LidarNavigationConfig, Scenario
 from proxops.systems import ExpectedErrors, LidarNavigation, NavigationPhase
 from proxops.systems.lidar import DEFAULT_GEOMETRY
-from proxops.systems.navigation import Estimate, ReturnUse
+from proxops.systems.navigation import Estimate, MapError, ReturnUse
 from proxops.systems.navigation.frame_model import FrameModel
-from proxops.systems.navigation.map_error import MapError
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.navigator import Navigator, Step
 from proxops.systems.shapes import displaced
@@ -63,10 +61,10 @@ def is_close(now: Estimate | None, state: np.ndarray) -> bool:
     return place < 20.0 and speed < 0.1 and turn < 0.02
 
 
-def inside(now: Estimate | None, state: np.ndarray, sigmas: float = 6.0) -> bool:
+def inside(now: Estimate | None, state: np.ndarray) -> bool:
     assert now is not None
     sigma = np.sqrt(np.diag(now.covariance)[:6])
-    return bool((np.abs(now.state - state) < sigmas * sigma).all())
+    return bool((np.abs(now.state - state) < 6.0 * sigma).all())
 
 
 def phases(steps: list[Step]) -> list[NavigationPhase]:
@@ -214,14 +212,6 @@ def seen(system: LidarNavigation, context) -> dict[str, np.ndarray]:
     return {name: system.GetOutputPort(name).Eval(context).copy() for name in names}
 
 
-def told(system: LidarNavigation, ranges: np.ndarray, force: np.ndarray, time: float = 0.0):
-    context = system.CreateDefaultContext()
-    context.SetTime(time)
-    system.GetInputPort("ranges").FixValue(context, ranges)
-    system.GetInputPort("commanded_force").FixValue(context, force)
-    return context
-
-
 def test_false_returns_are_rejected_and_others_used() -> None:
     """A return that is twice as far as the surface is false."""
     system, flown = navigation(), flight()
@@ -232,7 +222,7 @@ def test_false_returns_are_rejected_and_others_used() -> None:
     returned = np.flatnonzero(np.isfinite(ranges))
     false = returned[::7]
     ranges[false] *= 2.0
-    context = told(system, ranges, flown.forces[1], PERIOD)
+    context = context_of(system, PERIOD, ranges=ranges, commanded_force=flown.forces[1])
     context.SetDiscreteState(system._packed(memory))
     found = system.GetOutputPort("return_use").Eval(context)
     record = system.GetOutputPort("record").Eval(context)
@@ -246,7 +236,8 @@ def test_false_returns_are_rejected_and_others_used() -> None:
 
 def through_ports(system: LidarNavigation, flown: Flight, count: int) -> list[dict]:
     """What the system gives with these frames, as Drake updates it."""
-    simulator = Simulator(system, told(system, flown.frames[0], flown.forces[0]))
+    first = context_of(system, ranges=flown.frames[0], commanded_force=flown.forces[0])
+    simulator = Simulator(system, first)
     context, found = simulator.get_mutable_context(), []
     simulator.Initialize()
     for k in range(1, count):
@@ -281,7 +272,9 @@ def test_the_system_is_the_navigator(delay: int) -> None:
 def test_evaluation_order_changes_nothing() -> None:
     """The same Context gives the same answer, whatever was asked of the system in between."""
     system, flown = navigation(), flight()
-    first, second = (told(system, flown.frames[k], np.zeros(3)) for k in (0, 30))
+    first, second = (
+        context_of(system, ranges=flown.frames[k], commanded_force=np.zeros(3)) for k in (0, 30)
+    )
     before = seen(system, first)
     seen(system, second)
     again = system.CreateDefaultContext()
@@ -296,36 +289,10 @@ def test_evaluation_order_changes_nothing() -> None:
 # --- in a flight ----------------------------------------------------------------------------------
 
 
-def on_lidar(**changes: object) -> Scenario:
-    turned = np.degrees(ATTITUDE.as_rotvec()).tolist()
-    scenario = short_scenario(truth__attitude__constant_deg=turned, **changes)
-    scenario.navigation = LidarNavigationConfig()
-    return scenario
-
-
-def test_a_cloned_context_continues_bit_for_bit() -> None:
-    scenario = on_lidar(**BRIEF)
-    diagram = make_transit_diagram(
-        scenario, Scripted(lambda time: np.array([2.0, -1.0, 0.02 * time]), ports=[("state", 6)]),
-        body=kleopatra(),
-    )  # fmt: skip
-    system = diagram.GetSubsystemByName("navigation")
-    first = make_simulator(diagram, scenario)
-    first.AdvanceTo(40.0)
-    copied = first.get_context().Clone()
-    first.AdvanceTo(90.0)
-    ends = [seen(system, system.GetMyContextFromRoot(first.get_context()))]
-    second = Simulator(diagram, copied)
-    ResetIntegratorFromFlags(second, "runge_kutta5", PERIOD).set_fixed_step_mode(True)
-    second.AdvanceTo(90.0)
-    ends.append(seen(system, system.GetMyContextFromRoot(second.get_context())))
-    for name in ends[0]:
-        np.testing.assert_array_equal(ends[0][name], ends[1][name])
-
-
 def test_the_log_says_what_became_of_each_return(tmp_path: Path) -> None:
     """The counts were recorded by themselves."""
     changes = {"truth__lidar__false_returns": 0.1, "mpc__solve_delay_s": 3.0}
+    changes |= {"truth__attitude__constant_deg": np.degrees(ATTITUDE.as_rotvec()).tolist()}
     data = fly(on_lidar(**BRIEF, **changes), body=kleopatra()).dataset
     use = data["navigation_return_use"].values
     rows = slice(0, -1)  # The flight may end between two steps.

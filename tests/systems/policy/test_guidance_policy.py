@@ -4,7 +4,6 @@ Eq. 20 and 21 of docs/method/equations.md.
 """
 
 import dataclasses
-import json
 import math
 import re
 from pathlib import Path
@@ -13,9 +12,12 @@ import numpy as np
 import pytest
 import torch
 from contact_binary import contact_binary
+from exported_once import change_json, copied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from known_guidance import write_guidance
+from one_system import context_of, evaluated
+from plain_motion import acceleration
 from short_flights import kleopatra, short_scenario
 
 from proxops.assets import ASSETS
@@ -70,15 +72,12 @@ def test_acceleration_without_thrust_is_that_of_a_turning_frame() -> None:
     told, random = around(), np.random.default_rng(2)
     states, goals = random.normal(size=(5, 6)) * 1e5, random.normal(size=(5, 3)) * 1e5
     given_ = told.inputs(states, goals)
-    turn = np.array([0.0, 0.0, told.spin])
     for row, state, goal in zip(given_, states, goals, strict=True):
         for at, where, velocity in (
             (slice(9, 12), state[:3], state[3:]),
             (slice(12, 15), goal, np.zeros(3)),
         ):
-            wanted = told.field.evaluate(where[None]).acceleration[0]
-            wanted = wanted - 2.0 * np.cross(turn, velocity)
-            wanted = wanted - np.cross(turn, np.cross(turn, where))
+            wanted = acceleration(told.field, told.spin, where, velocity)
             np.testing.assert_allclose(row[at], wanted / told.acceleration, rtol=1e-5)
 
 
@@ -103,14 +102,11 @@ def test_a_mirrored_body_gives_mirrored_inputs() -> None:
 def test_forces_are_those_of_the_network_within_the_limit(bundle: Path) -> None:
     told = surroundings(short_scenario(), kleopatra())
     system = GuidancePolicy(bundle, told, 7.0)
-    context = system.CreateDefaultContext()
     network = AnyBodyGuidance(16)
     torch.nn.init.zeros_(network.network[-1].weight)  # type: ignore[arg-type]
     coasts = []
     for state in ([160e3, 0.0, 0.0, 1.0, -2.0, 0.5], [160e3, 1e4, 0.0, 39.0, 0.0, 0.0]):
-        system.GetInputPort("state").FixValue(context, state)
-        system.GetInputPort("target").FixValue(context, [160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
-        force = system.GetOutputPort("force").Eval(context)
+        force = evaluated(system, "force", state=state, target=[160e3, 8e3, 0.0, 0.0, 0.0, 0.0])
         row = told.inputs(np.array([state]), np.array([[160e3, 8e3, 0.0]]))
         with torch.no_grad():
             wanted = 7.0 * network(torch.from_numpy(row)).numpy()[0].clip(-1.0, 1.0)
@@ -120,7 +116,7 @@ def test_forces_are_those_of_the_network_within_the_limit(bundle: Path) -> None:
         coasts.append((force == 0.0).any())
     assert np.abs(force).max() == 7.0
     assert any(coasts)
-    system.GetInputPort("state").FixValue(context, np.full(6, np.nan))
+    context = context_of(system, state=np.full(6, np.nan), target=np.zeros(6))
     np.testing.assert_array_equal(system.GetOutputPort("force").Eval(context), np.zeros(3))
     assert system.GetOutputPort("record").Eval(context)[1] == 1
 
@@ -137,11 +133,8 @@ def test_it_hurries_where_it_would_be_late(bundle: Path) -> None:
     forces = {}
     for time in (0.0, 4100.0, 4500.0, 4950.0):
         for system in (plain, late):
-            context = system.CreateDefaultContext()
-            context.SetTime(time)
-            system.GetInputPort("state").FixValue(context, state)
-            system.GetInputPort("target").FixValue(context, np.r_[goal, np.zeros(3)])
-            forces[system, time] = system.GetOutputPort("force").Eval(context)
+            inputs = {"state": state, "target": np.r_[goal, np.zeros(3)]}
+            forces[system, time] = evaluated(system, "force", time, **inputs)
     for time in (4100.0, 4500.0):
         longest = 1.7 * (5000.0 - time) / unit - least
         law = 7.0 * (6.0 * away / longest**2 - 4.0 * velocity / longest - natural)
@@ -219,10 +212,9 @@ def test_a_body_that_is_longest_along_y_is_flown_like_one_along_x(bundle: Path) 
     forces = []
     for around_, axes in ((told, np.eye(3)), (turned, turn)):
         system = GuidancePolicy(bundle, around_, 7.0)
-        context = system.CreateDefaultContext()
-        system.GetInputPort("state").FixValue(context, np.r_[axes @ state[:3], axes @ state[3:]])
-        system.GetInputPort("target").FixValue(context, np.r_[axes @ target[:3], np.zeros(3)])
-        forces.append(system.GetOutputPort("force").Eval(context))
+        begun = np.r_[axes @ state[:3], axes @ state[3:]]
+        goal = np.r_[axes @ target[:3], np.zeros(3)]
+        forces.append(evaluated(system, "force", state=begun, target=goal))
     np.testing.assert_allclose(forces[1], turn @ forces[0], atol=1e-4)
     assert len(set(np.abs(forces[0]).round(3))) > 1
 
@@ -277,9 +269,7 @@ def test_arrays_of_other_networks_are_refused(name: str, array: np.ndarray, word
 def test_damaged_bundles_are_refused(
     bundle: Path, tmp_path: Path, change: dict, words: str
 ) -> None:
-    for file in bundle.iterdir():
-        (tmp_path / file.name).write_bytes(file.read_bytes())
-    content = json.loads((tmp_path / "guidance.json").read_text())
-    (tmp_path / "guidance.json").write_text(json.dumps(content | change))
+    folder = copied(bundle, tmp_path)
+    change_json(folder / "guidance.json", **change)
     with pytest.raises(InputError, match=words):
-        GuidanceBundle.load(tmp_path)
+        GuidanceBundle.load(folder)

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from known_policies import RAYS, Counting, DeadReckoning, remember, write_policy
+from one_system import context_of
 from short_flights import kleopatra
 
 from proxops.systems import InputError, LidarGeometry, NeuralPolicy, PolicyBundle, PolicyStatus
@@ -22,9 +23,7 @@ def counting(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def flown(policy: NeuralPolicy, applied: np.ndarray, frame: np.ndarray = FRAME) -> list[dict]:
     """All outputs at each step, the policy fed with these applied forces (N, 3)."""
-    context = policy.CreateDefaultContext()
-    policy.GetInputPort("ranges").FixValue(context, frame)
-    policy.GetInputPort("target").FixValue(context, TARGET)
+    context = context_of(policy, ranges=frame, target=TARGET)
     rows = []
     for force in applied:
         policy.GetInputPort("commanded_force").FixValue(context, force)
@@ -74,22 +73,6 @@ def test_estimate(tmp_path: Path) -> None:
         assert row["estimate"][3:] == pytest.approx(velocity, abs=1e-6)
         wanted = 0.01 * (TARGET[:3] - position) - 4.0 * velocity
         assert row["force"] == pytest.approx(np.clip(wanted, -7.0, 7.0), abs=1e-3)
-
-
-def test_two_contexts_do_not_touch(counting: Path) -> None:
-    policy = NeuralPolicy(counting)
-    context = policy.CreateDefaultContext()
-    for name, value in (("ranges", FRAME), ("target", TARGET), ("commanded_force", np.ones(3))):
-        policy.GetInputPort(name).FixValue(context, value)
-    remember(policy, context)
-    copy = context.Clone()
-    remember(policy, context)
-    remember(policy, context)
-    assert outputs(policy, context)["force"][0] == 3.0
-    assert outputs(policy, copy)["force"][0] == 1.0
-    remember(policy, copy)
-    remember(policy, copy)
-    assert outputs(policy, copy)["force"].tolist() == outputs(policy, context)["force"].tolist()
 
 
 def test_a_fault_of_the_program_ends_the_flight(counting: Path, monkeypatch) -> None:

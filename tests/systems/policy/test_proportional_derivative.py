@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from one_system import evaluated
 from short_flights import short_scenario
 
 from proxops.diagrams.flight.simulation import fly
@@ -13,10 +14,7 @@ RATE, GAIN = 8.75e-4, 5.0
 
 def force(state: list[float], target: list[float]) -> np.ndarray:
     controller = ProportionalDerivative(100.0, 7.0, 40.0, 10.0)
-    context = controller.CreateDefaultContext()
-    controller.GetInputPort("state").FixValue(context, state)
-    controller.GetInputPort("target").FixValue(context, target)
-    return controller.GetOutputPort("force").Eval(context)
+    return evaluated(controller, "force", state=state, target=target)
 
 
 def test_near_the_goal_it_is_linear() -> None:

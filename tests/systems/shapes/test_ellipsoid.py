@@ -7,12 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import minimize
 
-from proxops.systems.shapes.ellipsoid import (
-    blocks_segment,
-    clearances,
-    closest_point,
-    tangent_half_spaces,
-)
+from proxops.systems.shapes import blocks_segment, clearances, closest_point, tangent_half_spaces
 
 KLEOPATRA = np.array([140e3, 70e3, 65e3])
 # Distinct, two equal, all equal, very long, very flat.

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_polyhedral_gravity import box, star_shaped
 
-from proxops.assets import ASSETS
 from proxops.systems.common.errors import InputError
 from proxops.systems.shapes.enclosing_ellipsoid import smallest_ellipsoid
 from proxops.systems.shapes.mass import mass_properties
@@ -24,7 +23,6 @@ from proxops.systems.shapes.mesh_checks import (
 )
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.self_intersection import self_intersections
-from proxops.systems.shapes.shape_files import read_mesh
 
 sizes = pytest.mark.parametrize("size", [1e-6, 1.0, 1e9])
 few = settings(max_examples=10)
@@ -222,12 +220,6 @@ def test_flat_sides_do_not_cut_themselves(seed: int) -> None:
             np.random.default_rng(seed).random(3)
         ))  # fmt: skip
     assert len(self_intersections(*arrays(mesh))) == 0
-
-
-def test_kleopatra_is_sound() -> None:
-    mesh = read_mesh(ASSETS / "kleopatra/kleopatra.obj")
-    assert find_defects(mesh.vertices, mesh.facets) == []
-    assert len(self_intersections(mesh.vertices, mesh.facets)) == 0
 
 
 # --- figures --------------------------------------------------------------------------------------

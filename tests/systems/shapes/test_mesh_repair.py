@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 from plain_polyhedral_gravity import box, star_shaped
 
 from proxops.systems.common.errors import InputError
+from proxops.systems.shapes import Polyhedron, mass_properties, repair_mesh
 from proxops.systems.shapes._hole_filling import boundary_loops, triangulate_loop
-from proxops.systems.shapes.mass import mass_properties
 from proxops.systems.shapes.mesh_checks import areas
-from proxops.systems.shapes.mesh_repair import Repair, repair_mesh
-from proxops.systems.shapes.polyhedron import Polyhedron
+from proxops.systems.shapes.mesh_repair import Repair
 
 sizes = pytest.mark.parametrize("size", [1e-6, 1.0, 1e9])
 few = settings(max_examples=10)

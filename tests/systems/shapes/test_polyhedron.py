@@ -135,14 +135,6 @@ def test_loads_polygons_text_path_and_default_unit(tmp_path: Path) -> None:
 # --- refusals -------------------------------------------------------------------------------------
 
 
-def _holes(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return v, f[1:]
-
-
-def _flipped(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return v, f[:, ::-1]
-
-
 def _mixed(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     f[5] = f[5, ::-1]
     return v, f
@@ -196,8 +188,8 @@ def _no_height(v: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     ("spoil", "complaint"),
     [
-        (_holes, "has holes: 3 edges"),
-        (_flipped, "is inside out"),
+        (lambda v, f: (v, f[1:]), "has holes: 3 edges"),
+        (lambda v, f: (v, f[:, ::-1]), "is inside out"),
         (_mixed, r"mixed winding: .* \(3 such edges"),
         (_nan, "vertex 7 is .*, not finite"),
         (_duplicate, "1 duplicate vertices"),

@@ -9,12 +9,11 @@ import pytest
 import spiceypy
 import trimesh
 from plain_polyhedral_gravity import box, star_shaped
+from short_flights import obj_text
 
 from proxops.assets import ASSETS
 from proxops.systems.common.errors import InputError
-from proxops.systems.shapes.polyhedron import Polyhedron
-from proxops.systems.shapes.self_intersection import self_intersections
-from proxops.systems.shapes.shape_files import mesh_bytes, read_mesh
+from proxops.systems.shapes import Polyhedron, mesh_bytes, read_mesh, self_intersections
 
 VERTICES, FACETS = box(np.array([-1.5, 0.25, 3.0]), np.array([2.0, 1.0, 4.5]))
 
@@ -182,20 +181,15 @@ BODY = star_shaped(7)
 POINTS, TRIANGLES = np.array(BODY.vertices), np.array(BODY.faces)
 
 
-def _obj(vertices: np.ndarray = POINTS, facets: np.ndarray = TRIANGLES, form: str = "{!r}") -> str:
-    lines = ["v " + " ".join(form.format(x) for x in row) for row in vertices.tolist()]
-    return "\n".join(lines + [f"f {i} {j} {k}" for i, j, k in (facets + 1).tolist()]) + "\n"
-
-
 @pytest.mark.parametrize("suffix", [".obj", ".tab"])
 @pytest.mark.parametrize(
     "content",
     [
-        _obj().encode("utf-8-sig"),
-        _obj().encode("utf-16"),
-        ("# gr\xf6\xdfe in km\x85\n" + _obj()).encode("latin-1"),
-        _obj().replace("\n", "\r").encode(),
-        _obj().replace("\n", " # remark\r\n").encode(),
+        obj_text(BODY).encode("utf-8-sig"),
+        obj_text(BODY).encode("utf-16"),
+        ("# gr\xf6\xdfe in km\x85\n" + obj_text(BODY)).encode("latin-1"),
+        obj_text(BODY).replace("\n", "\r").encode(),
+        obj_text(BODY).replace("\n", " # remark\r\n").encode(),
     ],
     ids=["UTF-8 with a mark", "UTF-16", "Latin-1", "CR", "remarks"],
 )
@@ -283,11 +277,11 @@ def test_a_line_that_is_not_understood_is_named(
         read_mesh(path)
 
 
-def _binary_ply(order: str, more: bytes = b"", comment: bytes = b"comment gr\xf6\xdfe\n") -> bytes:
+def _binary_ply(order: str, more: bytes = b"") -> bytes:
     """Vertices with a colour, faces with texture coordinates of each corner, as tools write it."""
     header = (
         b"ply\nformat binary_%s_endian 1.0\n" % (b"little" if order == "<" else b"big")
-        + comment
+        + b"comment gr\xf6\xdfe\n"
         + b"comment TextureFile rock.png\nelement vertex %d\nproperty double x\nproperty double y\n"
         b"property double z\nproperty uchar red\nelement face %d\n"
         b"property list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n"
@@ -427,7 +421,7 @@ def test_dsk(tmp_path: Path) -> None:
     [
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1\n", "git lfs pull"),
         (b"\n<!DOCTYPE HTML><html><body>404 Not Found</body></html>", "a web page"),
-        (gzip.compress(_obj().encode()), r"compressed by gzip: .* \.gz"),
+        (gzip.compress(obj_text(BODY).encode()), r"compressed by gzip: .* \.gz"),
         (b"PK\x03\x04....", "a ZIP archive"),
         (b"ply\nformat ascii 1.0\n", r"a PLY file: give it a name that ends in \.ply"),
         (b" \n", "it is empty"),

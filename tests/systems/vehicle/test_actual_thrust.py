@@ -1,8 +1,11 @@
 """Thrusters with errors, against figures worked out by hand."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
+from one_system import context_of, evaluated
 from scipy.spatial.transform import Rotation
 
 from proxops.systems import ActualThrust, ThrusterErrors
@@ -17,15 +20,11 @@ def outputs(
     command: ArrayLike,
     errors: ThrusterErrors,
     attitude: ArrayLike | None = None,
-    time: float = 0.0,
     specific_impulse: float | None = None,
 ) -> dict[str, np.ndarray]:
     system = ActualThrust(errors, PERIOD, specific_impulse)
-    context = system.CreateDefaultContext()
-    context.SetTime(time)
-    system.GetInputPort("force").FixValue(context, np.array(command))
-    if attitude is not None:
-        system.GetInputPort("attitude").FixValue(context, np.array(attitude))
+    turned: dict[str, Any] = {} if attitude is None else {"attitude": attitude}
+    context = context_of(system, force=command, **turned)
     names = ("force", "thrust", "mass_flow")
     return {name: system.GetOutputPort(name).Eval(context).copy() for name in names}
 
@@ -78,12 +77,10 @@ def test_least_impulse_and_quantum_per_axis() -> None:
 def test_an_axis_fails_when_it_does() -> None:
     errors = ThrusterErrors(failed_axis=1, failure_time=100.0)
     system = ActualThrust(errors, PERIOD)
-    context = system.CreateDefaultContext()
-    system.GetInputPort("force").FixValue(context, np.array([1.0, 2.0, 3.0]))
     for time, y in ((0.0, 2.0), (99.9, 2.0), (100.0, 0.0), (5000.0, 0.0), (50.0, 2.0)):
-        context.SetTime(time)
         for name in ("thrust", "force"):
-            assert system.GetOutputPort(name).Eval(context).tolist() == [1.0, y, 3.0]
+            found = evaluated(system, name, time, force=[1.0, 2.0, 3.0])
+            assert found.tolist() == [1.0, y, 3.0]
 
 
 def test_mass_flow_by_hand() -> None:

@@ -3,24 +3,17 @@
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
+from one_system import evaluated
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from proxops.systems import AttitudeError
-from proxops.systems.vehicle.attitude_error import believed_axes
-from proxops.systems.vehicle.gauss_markov import gauss_markov_at
+from proxops.systems.vehicle import believed_axes, gauss_markov_at
 
 SPIN = 3.24093e-4
 TRUE = SPIN * 1.01 * np.array([0.03, -0.05, 1.0])
 PHASE = 0.02
 TIMES = (0.0, 10.0, 1234.5, 7200.0, 40_000.0)
-
-
-def attitude(system: AttitudeError, time: float, seed: int = 0) -> np.ndarray:
-    context = system.CreateDefaultContext()
-    system.set_seed(context, seed)
-    context.SetTime(time)
-    return system.GetOutputPort("attitude").Eval(context).copy()
 
 
 def rotation(quaternion: ArrayLike) -> Rotation:
@@ -35,7 +28,7 @@ def same(first: Rotation, second: Rotation, tolerance: float = 1e-12) -> bool:
 @pytest.mark.parametrize("time", TIMES)
 def test_no_errors_are_exactly_none(time: float) -> None:
     system = AttitudeError(believed_spin=SPIN, true_spin=(0.0, 0.0, SPIN))
-    assert attitude(system, time).tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert evaluated(system, "attitude", time).tolist() == [1.0, 0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("time", TIMES)
@@ -55,7 +48,7 @@ def test_composition_of_rotations(time: float, true: ArrayLike) -> None:
     truly = Rotation.from_rotvec(time * np.array(true))
     believed = Rotation.from_euler("z", SPIN * time + PHASE)
     expected = truly.inv() * believed * Rotation.from_rotvec(constant + varying)
-    assert same(rotation(attitude(system, time, seed=8)), expected)
+    assert same(rotation(evaluated(system, "attitude", time, seed=8)), expected)
 
 
 def test_against_integrated_kinematics() -> None:
@@ -78,5 +71,5 @@ def test_against_integrated_kinematics() -> None:
 def test_continuous_in_time() -> None:
     """The quaternion itself, with its sign, so that a log of it can be interpolated."""
     system = AttitudeError(varying_std=1e-3, believed_spin=SPIN, true_spin=TRUE, phase=PHASE)
-    path = np.array([attitude(system, time) for time in np.arange(0.0, 30_000.0, 20.0)])
+    path = np.array([evaluated(system, "attitude", time) for time in np.arange(0.0, 3e4, 20.0)])
     assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 1e-3

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
+from one_system import evaluated
 from scipy.spatial.transform import Rotation
 
 from proxops.systems import ActualThrust, CommandAxes, ThrusterErrors
@@ -10,12 +11,8 @@ from proxops.systems import ActualThrust, CommandAxes, ThrusterErrors
 HALF = np.sqrt(0.5)
 
 
-def turned(force: ArrayLike, attitude: ArrayLike, limit: float = 7.0) -> np.ndarray:
-    system = CommandAxes(limit)
-    context = system.CreateDefaultContext()
-    system.GetInputPort("force").FixValue(context, np.array(force))
-    system.GetInputPort("attitude").FixValue(context, np.array(attitude))
-    return system.GetOutputPort("force").Eval(context).copy()
+def turned(force: ArrayLike, attitude: ArrayLike) -> np.ndarray:
+    return evaluated(CommandAxes(7.0), "force", force=force, attitude=attitude)
 
 
 def test_by_hand() -> None:
@@ -39,8 +36,6 @@ def test_true_thrust_undoes_it_where_the_attitude_is_right() -> None:
     for _ in range(20):
         attitude = Rotation.random(rng=draws).as_quat(scalar_first=True)
         force = draws.uniform(-3.0, 3.0, 3)
-        thrust = ActualThrust(ThrusterErrors(), 10.0)
-        context = thrust.CreateDefaultContext()
-        thrust.GetInputPort("force").FixValue(context, turned(force, attitude))
-        thrust.GetInputPort("attitude").FixValue(context, attitude)
-        assert thrust.GetOutputPort("force").Eval(context) == pytest.approx(force, abs=1e-12)
+        told = {"force": turned(force, attitude), "attitude": attitude}
+        found = evaluated(ActualThrust(ThrusterErrors(), 10.0), "force", **told)
+        assert found == pytest.approx(force, abs=1e-12)

@@ -61,15 +61,3 @@ def test_mean_over_the_last_period(share: float) -> None:
         old, new = max(k - 1.0, 0.0), float(k)  # Samples k - 2 and k - 1, which count from 1.
         expected = share * old + (1.0 - share) * new
         assert hold.GetOutputPort("mean").Eval(context)[0] == pytest.approx(expected)
-
-
-def test_clone_goes_on_alike() -> None:
-    """The command that waits is in the Context too."""
-    simulator, hold = simulator_of(10.0, 4.0)
-    simulator.AdvanceTo(32.0)
-    clone = simulator.get_context().Clone()
-    assert value(simulator, hold) == [3.0, 9.0]
-    again = Simulator(simulator.get_system(), clone)
-    again.AdvanceTo(34.5)
-    assert value(again, hold) == [4.0, 16.0]
-    assert value(simulator, hold) == [3.0, 9.0]

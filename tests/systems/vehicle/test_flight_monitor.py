@@ -326,34 +326,6 @@ def test_violation_is_never_after_the_collision():
     assert flown.last[VIOLATIONS] == 1.0
 
 
-@pytest.mark.parametrize("cloned_at", [205.0, 290.0])
-def test_flight_taken_up_from_a_cloned_context_goes_on_as_it_was(cloned_at):
-    builder = DiagramBuilder()
-    flight = builder.AddSystem(Scripted(straight(GOAL - [1e3 + 90.0, 0, 0], [0.9, 0, 0])))
-    goal = builder.AddSystem(ConstantVectorSource(np.append(GOAL, np.zeros(3))))
-    monitor = builder.AddSystem(FlightMonitor(FlightEvents(cube(), KEEP_OUT, RADIUS, SPEED, DWELL)))
-    builder.Connect(flight.get_output_port(), monitor.GetInputPort("state"))
-    builder.Connect(goal.get_output_port(), monitor.GetInputPort("target"))
-    diagram = builder.Build()
-
-    def simulator(context=None) -> Simulator:
-        made = Simulator(diagram, context) if context is not None else Simulator(diagram)
-        made.get_mutable_context().SetAccuracy(1e-6)
-        ResetIntegratorFromFlags(made, "runge_kutta5", PERIOD)
-        made.Initialize()
-        return made
-
-    first = simulator()
-    first.AdvanceTo(cloned_at)
-    twin = simulator(first.get_context().Clone())
-    ends = []
-    for flown in (first, twin):
-        flown.AdvanceTo(2000.0)
-        ends.append(flown.get_context().get_time())
-    assert ends[0] == pytest.approx(100.0 + DWELL, abs=PERIOD)
-    assert ends[1] == ends[0]
-
-
 # A mesh that sticks out of the keep-out ellipsoid
 
 SMALL = np.array([12e3, 9e3, 8e3])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from one_system import evaluated
 
 from proxops.systems import UnexplainedAcceleration
 from proxops.systems.common import generator
@@ -66,19 +67,13 @@ def test_a_function_of_seed_and_time_alone() -> None:
     assert _sequence(3, 0.9, 2048)[:1024] == _sequence(3, 0.9, 1024)
 
 
-def acceleration(system: UnexplainedAcceleration, time: float, seed: int = 0) -> np.ndarray:
-    context = system.CreateDefaultContext()
-    system.set_seed(context, seed)
-    context.SetTime(time)
-    return system.GetOutputPort("acceleration").Eval(context).copy()
-
-
 def test_unexplained_acceleration_is_constant_and_slow() -> None:
     constant = np.array([1e-5, -2e-5, 3e-5])
-    assert np.array_equal(acceleration(UnexplainedAcceleration(constant), 123.4), constant)
+    always = evaluated(UnexplainedAcceleration(constant), "acceleration", 123.4)
+    assert np.array_equal(always, constant)
     system = UnexplainedAcceleration(constant, 1e-4, 600.0)
-    found = np.array([acceleration(system, 0.0, seed) for seed in range(300)])
+    found = np.array([evaluated(system, "acceleration", 0.0, seed) for seed in range(300)])
     assert found.mean(axis=0) == pytest.approx(constant, abs=4e-4 / np.sqrt(300))
     assert found.std() == pytest.approx(1e-4, rel=0.1)
     slow = gauss_markov_at(77.0, std=1e-4, correlation_time=600.0, period=10.0, seed=9)
-    assert acceleration(system, 77.0, 9) == pytest.approx(constant + slow, rel=1e-14)
+    assert evaluated(system, "acceleration", 77.0, 9) == pytest.approx(constant + slow, rel=1e-14)

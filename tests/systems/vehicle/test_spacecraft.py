@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 from jacobi import jacobi_integral
+from one_system import evaluated
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, FirstOrderTaylorApproximation
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.flight.simulation import make_simulator
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.diagrams.scenario import load_body, load_scenario
 from proxops.systems import (
     InputError,
     PolyhedralGravity,
@@ -21,10 +21,8 @@ from proxops.systems import (
     Spacecraft_,
 )
 from proxops.systems.common import cross_matrix
-from proxops.systems.vehicle.spacecraft import (
-    rotating_frame_acceleration,
-    spinning_frame_acceleration,
-)
+from proxops.systems.vehicle import rotating_frame_acceleration
+from proxops.systems.vehicle.spacecraft import spinning_frame_acceleration
 
 MU = 1.98227e8
 SPIN = 3.24093e-4
@@ -45,16 +43,28 @@ class PointMass(LeafSystem):
         output.SetFromVector(-MU * p / np.linalg.norm(p) ** 3)
 
 
-def coasting(gravity, state, force=(0.0, 0.0, 0.0), spin=SPIN):
-    """A simulator of a spacecraft under a constant force, and the plant in it."""
+class NoGravity(PointMass):
+    def _calc(self, context, output):
+        output.SetFromVector(np.zeros(3))
+
+
+def in_gravity(craft, gravity, **inputs) -> Diagram:
+    """A spacecraft in gravity, with constant inputs."""
     builder = DiagramBuilder()
-    craft = builder.AddSystem(Spacecraft(100.0, spin, state))
-    gravity = builder.AddSystem(gravity)
-    thrust = builder.AddSystem(ConstantVectorSource(np.array(force)))
-    builder.Connect(thrust.get_output_port(), craft.GetInputPort("force"))
+    builder.AddSystem(craft)
+    builder.AddSystem(gravity)
     builder.Connect(craft.GetOutputPort("position"), gravity.GetInputPort("position"))
     builder.Connect(gravity.GetOutputPort("acceleration"), craft.GetInputPort("gravity"))
-    simulator = Simulator(builder.Build())
+    for name, value in inputs.items():
+        source = builder.AddSystem(ConstantVectorSource(np.array(value, dtype=float)))
+        builder.Connect(source.get_output_port(), craft.GetInputPort(name))
+    return builder.Build()
+
+
+def coasting(gravity, state, force=(0.0, 0.0, 0.0), spin=SPIN):
+    """A simulator of a spacecraft under a constant force, and the plant in it."""
+    craft = Spacecraft(100.0, spin, state)
+    simulator = Simulator(in_gravity(craft, gravity, force=force))
     ResetIntegratorFromFlags(simulator, "runge_kutta5", 60.0).set_target_accuracy(1e-12)
     return simulator, craft
 
@@ -96,10 +106,6 @@ def test_circular_orbit_seen_from_the_rotating_frame():
 
 
 def test_thrust_alone_moves_it_by_half_a_t_squared():
-    class NoGravity(PointMass):
-        def _calc(self, context, output):
-            output.SetFromVector(np.zeros(3))
-
     simulator, craft = coasting(NoGravity(), np.zeros(6), force=(7.0, -3.5, 1.0), spin=0.0)
     simulator.AdvanceTo(100.0)
     expected = 0.5 * np.array([7.0, -3.5, 1.0]) / 100.0 * 100.0**2
@@ -164,17 +170,11 @@ def test_autodiff_versions_exist_and_keep_values():
 def test_gravity_outputs_alone():
     body = load_body("kleopatra")
     gravity = PolyhedralGravity(body.gravity_field)
-    context = gravity.CreateDefaultContext()
     position = np.array([100e3, 60e3, -10e3])
-    gravity.GetInputPort("position").FixValue(context, position)
     direct = body.gravity_field.evaluate(position[None])
-    assert np.array_equal(
-        gravity.GetOutputPort("acceleration").Eval(context), direct.acceleration[0]
-    )
-    assert np.array_equal(
-        gravity.GetOutputPort("gradient").Eval(context).reshape(3, 3), direct.gradient[0]
-    )
-    assert gravity.GetOutputPort("potential").Eval(context)[0] == direct.potential[0]
+    for name in ("acceleration", "gradient", "potential"):
+        found = evaluated(gravity, name, position=position)
+        assert np.array_equal(found, np.ravel(getattr(direct, name)[0]))
 
 
 # A spin axis anywhere, and a mass that is used up
@@ -183,28 +183,9 @@ TILTED = SPIN * 1.02 * np.array([0.05, -0.08, 0.99])
 AXIS_POINT = np.array([900.0, -2500.0, 400.0])
 
 
-def no_gravity():
-    class NoGravity(PointMass):
-        def _calc(self, context, output):
-            output.SetFromVector(np.zeros(3))
-
-    return NoGravity()
-
-
-def as_flights_do(craft, gravity, force=(0.0, 0.0, 0.0), mass_flow=None):
+def as_flights_do(craft, gravity, **inputs) -> Simulator:
     """A simulator with the integrator of transits: steps of 10 s."""
-    builder = DiagramBuilder()
-    builder.AddSystem(craft)
-    gravity = builder.AddSystem(gravity)
-    builder.Connect(craft.GetOutputPort("position"), gravity.GetInputPort("position"))
-    builder.Connect(gravity.GetOutputPort("acceleration"), craft.GetInputPort("gravity"))
-    inputs = {"force": np.array(force)}
-    if mass_flow is not None:
-        inputs["mass_flow"] = np.array([mass_flow])
-    for name, value in inputs.items():
-        source = builder.AddSystem(ConstantVectorSource(value))
-        builder.Connect(source.get_output_port(), craft.GetInputPort(name))
-    return make_simulator(builder.Build(), load_scenario(None))
+    return make_simulator(in_gravity(craft, gravity, **inputs), load_scenario(None))
 
 
 def test_any_spin_axis_against_the_inertial_frame():
@@ -227,7 +208,7 @@ def test_any_spin_axis_against_the_inertial_frame():
     velocity = to_k.apply(flown.y[3:, -1]) - np.cross(TILTED, away)
 
     craft = Spacecraft(100.0, TILTED, start, axis_point=AXIS_POINT)
-    simulator = as_flights_do(craft, PolyhedralGravity(body.gravity_field), force)
+    simulator = as_flights_do(craft, PolyhedralGravity(body.gravity_field), force=force)
     simulator.AdvanceTo(end)
     found = state_of(simulator, craft)
     assert np.linalg.norm(found[:3] - AXIS_POINT - away) < 1e-3
@@ -250,7 +231,7 @@ def test_propellant_against_tsiolkovsky():
     flow = thrust / exhaust
     end = burnt / flow
     craft = Spacecraft(100.0, 0.0, np.zeros(6), burns_propellant=True)
-    simulator = as_flights_do(craft, no_gravity(), (thrust, 0.0, 0.0), flow)
+    simulator = as_flights_do(craft, NoGravity(), force=[thrust, 0, 0], mass_flow=[flow])
     simulator.AdvanceTo(end)
     context = craft.GetMyContextFromRoot(simulator.get_context())
     left = craft.GetOutputPort("mass").Eval(context)[0]
@@ -267,7 +248,7 @@ def test_propellant_against_tsiolkovsky():
 
 def test_propellant_that_is_used_up_says_so():
     craft = Spacecraft(100.0, 0.0, np.zeros(6), burns_propellant=True)
-    simulator = as_flights_do(craft, no_gravity(), (7.0, 0.0, 0.0), 0.5)
+    simulator = as_flights_do(craft, NoGravity(), force=[7, 0, 0], mass_flow=[0.5])
     with pytest.raises(InputError, match=r"the propellant is used up: of 100 kg, less than 0\.1"):
         simulator.AdvanceTo(1000.0)
 

@@ -1,6 +1,7 @@
 """Errors in the state that is known: their size, and that they are a function of seed and step."""
 
 import numpy as np
+from one_system import evaluated
 
 from proxops.systems import StateNoise
 
@@ -8,15 +9,8 @@ STATE = np.array([1e5, -2e4, 3e4, 1.0, -2.0, 3.0])
 
 
 def errors(noise: StateNoise, steps: int, seed: int | None = None) -> np.ndarray:
-    context = noise.CreateDefaultContext()
-    if seed is not None:
-        noise.set_seed(context, seed)
-    noise.GetInputPort("state").FixValue(context, STATE)
-    rows = []
-    for step in range(steps):
-        context.SetTime(10.0 * step)
-        rows.append(noise.GetOutputPort("state").Eval(context) - STATE)
-    return np.array(rows)
+    times = 10.0 * np.arange(steps)
+    return np.array([evaluated(noise, "state", time, seed, state=STATE) for time in times]) - STATE
 
 
 def test_deviations() -> None:
@@ -32,8 +26,6 @@ def test_function_of_seed_and_step() -> None:
     one = errors(noise, 20)
     np.testing.assert_array_equal(one, errors(StateNoise(300.0, 0.2), 20, seed=3))
     assert (one != errors(noise, 20, seed=4)).all()
-    context = noise.CreateDefaultContext()
-    noise.GetInputPort("state").FixValue(context, STATE)
     for time in (70.0, 69.99999999999999, 74.0, 79.9):  # All within step 7.
-        context.SetTime(time)
-        np.testing.assert_array_equal(noise.GetOutputPort("state").Eval(context) - STATE, one[7])
+        found = evaluated(noise, "state", time, state=STATE)
+        np.testing.assert_array_equal(found - STATE, one[7])

@@ -2,14 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from plain_motion import moved
 from short_flights import kleopatra
 
-from proxops.systems.vehicle.state_prediction import (
-    moved_by,
-    predicted_state,
-    unexplained_acceleration,
-)
+from proxops.systems.vehicle import moved_by, predicted_state, unexplained_acceleration
 
 MASS, SPIN = 100.0, 2.0 * np.pi / (5.38528 * 3600.0)
 # Moving fast over the surface, by a tip, and far out at rest.
@@ -25,14 +21,7 @@ FORCE = np.array([7.0, -3.0, 5.0])
 
 def integrated(state: np.ndarray, duration: float, push: np.ndarray) -> np.ndarray:
     """The same motion, cross products written out, by an adaptive method of order 8."""
-    spin = np.array([0.0, 0.0, SPIN])
-
-    def rate(_, at):
-        gravity = kleopatra().gravity_field.evaluate(at[None, :3]).acceleration[0]
-        turning = -2.0 * np.cross(spin, at[3:]) - np.cross(spin, np.cross(spin, at[:3]))
-        return [*at[3:], *(gravity + turning + FORCE / MASS + push)]
-
-    return solve_ivp(rate, (0.0, duration), state, "DOP853", rtol=1e-12, atol=1e-9).y[:, -1]
+    return moved(kleopatra().gravity_field, SPIN, state, FORCE / MASS + push, duration)
 
 
 @pytest.mark.parametrize("state", STATES)

@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
+from plain_motion import moved
 from pydrake.systems.analysis import Simulator
 from scipy import stats
 from short_flights import Scripted, short_scenario
 
 from proxops.diagrams.flight.simulation import fly
-from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.logs.flight_summary import dense_positions
+from proxops.diagrams.logs import FlightLog, dense_positions
 from proxops.systems import VelocityKicks
-from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration
 
 # Two kicks in a hundred seconds.
 OFTEN = {"kicks": {"velocity_std_m_s": 4.0, "mean_interval_s": 50.0}}
@@ -84,22 +83,11 @@ def test_path_between_rows_is_still_a_cubic(kicked: FlightLog):
     assert (data["kick"].values.any(axis=1)).sum() >= 3
     times, states = data["time"].values, data["state"].values
     guessed = dense_positions(times, states)
-    # Integrated between two rows by the equation of motion, in steps of a second.
+    # Integrated between two rows, in steps of a second.
     field, spin = kicked.body.gravity_field, kicked.body.spin_rate
     for row in np.flatnonzero(data["kick"].values.any(axis=1))[:-1]:
         state, kick = states[row].copy(), data["kick"].values[row]
-
-        def rate(state: np.ndarray, kick: np.ndarray = kick) -> np.ndarray:
-            gravity = field.evaluate(state[None, :3]).acceleration[0] + kick
-            pull = rotating_frame_acceleration(
-                state[:3], state[3:], gravity, np.zeros(3), 100.0, spin
-            )
-            return np.concatenate([state[3:], pull])
-
         for part in range(10):
             assert np.linalg.norm(guessed[10 * row + part] - state[:3]) < 2e-3
-            k1 = rate(state)
-            k2 = rate(state + 0.5 * k1)
-            k3 = rate(state + 0.5 * k2)
-            state = state + (k1 + 2 * k2 + 2 * k3 + rate(state + k3)) / 6.0
+            state = moved(field, spin, state, kick, 1.0)
         assert state == pytest.approx(states[row + 1], abs=1e-5)

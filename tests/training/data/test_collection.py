@@ -15,8 +15,7 @@ from commands import proxops, settings
 from short_flights import kleopatra
 
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.scenario.body import load_body
-from proxops.diagrams.scenario.scenario import load_scenario, parse_scenario
+from proxops.diagrams.scenario import load_body, load_scenario, parse_scenario
 from proxops.systems import InputError
 from proxops.systems.lidar import LearnedLidarConfig
 from proxops.training.data.collection import describe_flight

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from short_flights import kleopatra
 
-from proxops.diagrams.flight import Workers
-from proxops.diagrams.flight.scenario_systems import make_mpc
+from proxops.diagrams.flight import Workers, make_mpc
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
 from proxops.training.data.label_files import labels_of

@@ -7,8 +7,7 @@ import pytest
 from flight_folders import copy_flights, flight
 from short_flights import kleopatra
 
-from proxops.diagrams.flight import Workers
-from proxops.diagrams.flight.scenario_systems import make_mpc
+from proxops.diagrams.flight import Workers, make_mpc
 from proxops.systems import InputError
 from proxops.training.data.flight_labels import labels_along, labels_by_flight
 

@@ -8,10 +8,8 @@ from scipy import stats
 from scipy.optimize import minimize
 from short_flights import kleopatra
 
-from proxops.diagrams.scenario.scenario import load_scenario
-from proxops.diagrams.scenario.scenario_checks import check_scenario
-from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.transits import scenario_transit, transit_set
+from proxops.diagrams.scenario import Scenario, check_scenario, load_scenario, scenario_transit
+from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import InputError
 from proxops.training.data.recovery import KINDS, MIXES, flight_scenario, kind_of, parse_mix
 

@@ -9,8 +9,7 @@ from short_flights import kleopatra
 from proxops.systems import ray_directions
 from proxops.systems.shapes.ray_casting import ray_caster
 from proxops.training.data.scaling import Scaling, scaling_for
-from proxops.training.networks.pilot_network import PilotDimensions
-from proxops.training.networks.state_filter import MEMORY
+from proxops.training.networks import MEMORY, PilotDimensions
 from proxops.training.recipes.pilot_losses import estimate_error, force_loss
 
 # As much smaller; a power of two, so that it rounds nothing.

@@ -11,11 +11,7 @@ from short_flights import falling_flight
 from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import change_scenario, load_scenario, of_transit
 from proxops.systems import InputError
-from proxops.training.environment import (
-    TransitEnvironment,
-    check_minari_name,
-    write_minari,
-)
+from proxops.training.environment import TransitEnvironment, check_minari_name, write_minari
 
 # With a limit of 8 N, forces over the limit are exact.
 SHORT = {"spacecraft.thrust_limit_n": 8.0, "arrival.deadline_s": 150.0, "arrival.dwell_s": 10.0}

@@ -20,12 +20,7 @@ from proxops.diagrams.scenario import (
     of_transit,
 )
 from proxops.systems import InputError
-from proxops.training.environment import (
-    FUEL,
-    VIOLATION,
-    TransitBatch,
-    TransitEnvironment,
-)
+from proxops.training.environment import FUEL, VIOLATION, TransitBatch, TransitEnvironment
 
 # With a limit of 8 N, forces over the limit are exact.
 SHORT = {"spacecraft.thrust_limit_n": 8.0, "arrival.deadline_s": 200.0, "arrival.dwell_s": 10.0}

@@ -1,20 +1,18 @@
 """A policy's bundle: what it says, when it is not written, and what damage does."""
 
 import hashlib
-import json
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from exported_once import change_json, copied
 from known_policies import Counting, DeadReckoning, example_steps, facts_of, remember
 from torch import nn
 
 from proxops.systems import InputError, NeuralPolicy
 from proxops.systems.common import whole_folder
-from proxops.training.export import policy_export
-from proxops.training.export.policy_export import export_policy
+from proxops.training.export import export_policy, policy_export
 
 
 @pytest.fixture(scope="module")
@@ -94,13 +92,8 @@ def test_nothing_finite_and_nothing_to_compare(tmp_path: Path) -> None:
 # --- damage ---------------------------------------------------------------------------------------
 
 
-def copied(bundle: Path, folder: Path) -> Path:
-    return Path(shutil.copytree(bundle, folder / "bundle"))
-
-
 def change(folder: Path, **changes: object) -> None:
-    content = json.loads((folder / "policy.json").read_text()) | changes
-    (folder / "policy.json").write_text(json.dumps(content))
+    change_json(folder / "policy.json", **changes)
 
 
 def flip_a_byte(folder: Path) -> None:

@@ -9,8 +9,7 @@ from ball_lidar import write_ball_bundle
 from commands import proxops
 from short_flights import SHORT, kleopatra
 
-from proxops.diagrams.flight.campaign import transit_flights
-from proxops.diagrams.flight.simulation import fly
+from proxops.diagrams.flight import fly, transit_flights
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems.lidar.lidar_bundle import LidarBundle

@@ -14,11 +14,6 @@ from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.loop import WindowBatches, WindowDataset
 
 
-@pytest.fixture(scope="module")
-def packed(tmp_path_factory: pytest.TempPathFactory) -> PackedFlights:
-    return pack_flights(copy_flights(tmp_path_factory.mktemp("windows")))
-
-
 def row_of(packed: PackedFlights, state: torch.Tensor) -> int:
     """The row of the packed set that holds a state; states do not repeat."""
     (rows,) = np.nonzero((packed.state.astype(np.float32) == state.numpy()).all(axis=1))

@@ -17,9 +17,9 @@ NORMALISATION = Normalisation(
 )
 
 
-def small_policy(planes: int = 3, rays: int = 40, normalisation=NORMALISATION) -> PaperPolicy:
+def small_policy(rays: int = 40) -> PaperPolicy:
     torch.manual_seed(1)
-    return PaperPolicy(normalisation, planes, rays, channels=(4, 8), width=16, layers=2).eval()
+    return PaperPolicy(NORMALISATION, 3, rays, channels=(4, 8), width=16, layers=2).eval()
 
 
 def inputs(batch: int, steps: int, rays: int) -> tuple[Tensor, Tensor, Tensor]:

@@ -11,14 +11,8 @@ from proxops.diagrams.scenario import Scenario, load_body, load_scenario
 from proxops.systems.common import derived_seed
 from proxops.systems.shapes import clearances
 from proxops.training.data import expert_plans
-from proxops.training.recipes.family import (
-    RANGES,
-    SpacecraftNumbers,
-    family_plans,
-    member_scenario,
-    spacecraft_numbers,
-    write_family,
-)
+from proxops.training.recipes import family_plans, spacecraft_numbers, write_family
+from proxops.training.recipes.family import RANGES, SpacecraftNumbers, member_scenario
 
 SEED = 11
 

@@ -9,8 +9,7 @@ from short_flights import kleopatra
 
 from proxops.systems import PolicyBundle, ray_directions
 from proxops.systems.expert.plan import Horizon
-from proxops.systems.policy import PolicyFacts
-from proxops.systems.policy.policy_bundle import run_network
+from proxops.systems.policy import PolicyFacts, run_network
 from proxops.systems.shapes.ray_casting import ray_caster
 from proxops.training.export import export_policy
 from proxops.training.networks.coarse_position import CoarsePosition

@@ -1,10 +1,8 @@
 """The examples that the pilot's parts learn from, compared with the flights they come from."""
 
 import numpy as np
-import pytest
-from flight_folders import copy_flights
 
-from proxops.training.data import PackedFlights, pack_flights
+from proxops.training.data import PackedFlights
 from proxops.training.networks.lidar_hits import HitSelection
 from proxops.training.recipes.pilot_examples import (
     box_of,
@@ -15,11 +13,6 @@ from proxops.training.recipes.pilot_examples import (
     spread_rows,
     transitions_of,
 )
-
-
-@pytest.fixture(scope="module")
-def packed(tmp_path_factory: pytest.TempPathFactory) -> PackedFlights:
-    return pack_flights(copy_flights(tmp_path_factory.mktemp("examples")))
 
 
 def test_spread_rows_are_300_m_of_path_apart(packed: PackedFlights):

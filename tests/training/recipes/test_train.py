@@ -16,15 +16,9 @@ from flight_folders import copy_flights
 from proxops.systems import InputError
 from proxops.training.data import PackedFlights, pack_flights
 from proxops.training.export.policy_report import replay_flights
-from proxops.training.loop import WindowDataset
-from proxops.training.loop.training_loop import Schedule
-from proxops.training.recipes import RECIPES
-from proxops.training.recipes.paper import (
-    PaperSettings,
-    make_policy,
-    rms_force_loss,
-    train_paper_policy,
-)
+from proxops.training.loop import Schedule, WindowDataset
+from proxops.training.recipes import RECIPES, PaperSettings, train_paper_policy
+from proxops.training.recipes.paper import make_policy, rms_force_loss
 
 SMALL = PaperSettings(
     schedule=Schedule(epochs=20, batch=4, learning_rate=3e-3, patience=20),

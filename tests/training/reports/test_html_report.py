@@ -10,14 +10,7 @@ from matplotlib.figure import Figure
 
 from proxops.systems import InputError
 from proxops.training.reports.figure_text import interval_text
-from proxops.training.reports.report import (
-    Section,
-    Table,
-    Text,
-    html_page,
-    picture,
-    write_report,
-)
+from proxops.training.reports.report import Section, Table, Text, html_page, picture, write_report
 
 AWKWARD = "a < b & \"c\" | *d* _e_ `f` [g](h) <script>alert('x')</script>"
 VOID = {"meta", "img"}
