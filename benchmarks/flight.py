@@ -7,9 +7,10 @@ others begin.
 Each controller flies transits of the standard set in this process, on one thread, with the lidar
 logged at every step, and then again in a world that is drawn from `after_survey`. The MPC's step
 stands beside the paper's. With `--gravity table` all on board, and the world as believed, have the
-field from its table. Run it on a machine that does nothing else:
+field from its table. `--spacecraft` flies a rigid one, of this model. Run it on a machine that does
+nothing else:
 
-    python benchmarks/flight.py [--transits 3] [--gravity table]
+    python benchmarks/flight.py [--transits 3] [--gravity table] [--spacecraft smallsat]
     python benchmarks/flight.py --batch 512 [--steps 300]
 """
 
@@ -42,6 +43,7 @@ from proxops.systems.shapes import ray_caster
 
 PAPER_MPC_S = 0.473
 CONTROLLERS = ("mpc", "policy", "hybrid")
+DISPERSIONS = ("after_survey", "after_survey_rigid")
 
 
 def import_time() -> float:
@@ -57,22 +59,17 @@ def import_time() -> float:
     return statistics.median(full) - statistics.median(bare)
 
 
-def flight_times(controller: str, count: int, body: Body, gravity: str) -> np.ndarray:
+def flight_times(controller: str, count: int, body: Body, chosen: dict) -> np.ndarray:
     """Processor time (count, 2) in s of flights: as believed, and in a drawn world.
 
     Making the true body is a part of it; loading the map is not.
     """
     times = np.zeros((count, 2))
     for index in range(count):
-        for k, dispersions in enumerate((None, "after_survey")):
-            changes = {
-                "transit.index": index,
-                "dispersions": dispersions,
-                "log_ranges": False,
-                "gravity": gravity,
-            }
+        for k, dispersions in enumerate((None, DISPERSIONS["spacecraft" in chosen])):
+            changes = {"transit.index": index, "dispersions": dispersions, "log_ranges": False}
             started = time.process_time()
-            fly(load_scenario(None, changes), controller, body=body)
+            fly(load_scenario(None, changes | chosen), controller, body=body)
             times[index, k] = time.process_time() - started
     return times
 
@@ -126,24 +123,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--transits", type=int, default=3)
     parser.add_argument("--gravity", choices=("exact", "table"), default="exact")
+    parser.add_argument("--spacecraft", metavar="MODEL", help="a rigid one; default: a point")
     parser.add_argument("--batch", type=int, default=0, help="transits at once")
     parser.add_argument("--steps", type=int, default=300, help="of each of these")
     asked = parser.parse_args()
     if asked.batch:
         return print_batch(asked.batch, asked.steps)
-    count, gravity = asked.transits, {"gravity": asked.gravity}
+    count, chosen = asked.transits, {"gravity": asked.gravity}
     where = "" if asked.gravity == "exact" else ", gravity: table"
+    if asked.spacecraft:
+        chosen["spacecraft"] = {"_tag": "!RigidBody", "model": asked.spacecraft}
+        where += f", {asked.spacecraft}"
     peak, costs = 0.0, {}
     step, body = np.zeros(0), load_body("kleopatra").with_gravity(asked.gravity)
     for controller in CONTROLLERS:
         # Warm up.
         short = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 10.0}
-        fly(load_scenario(None, short | gravity), controller, body=body)
+        fly(load_scenario(None, short | chosen), controller, body=body)
         walls, spans, sizes = [], [], []
         for index in range(count):
-            log = fly(
-                load_scenario(None, {"transit.index": index} | gravity), controller, body=body
-            )
+            log = fly(load_scenario(None, {"transit.index": index} | chosen), controller, body=body)
             if controller == "mpc":
                 step = np.append(step, log.dataset["solve_time"].values)
                 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -155,7 +154,7 @@ def main() -> None:
                 sizes.append(path.stat().st_size)
             walls.append(log.summary["wall_s"] + time.perf_counter() - started)
         keep({f"a flight by {controller}{where}, over real time": np.sum(spans) / np.sum(walls)})
-        plain, drawn = flight_times(controller, count, body, asked.gravity).sum(axis=0)
+        plain, drawn = flight_times(controller, count, body, chosen).sum(axis=0)
         costs[controller] = [
             f"{np.mean(walls):.2f}",
             f"{np.sum(spans) / np.sum(walls):.0f} x",

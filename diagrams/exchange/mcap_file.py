@@ -17,7 +17,6 @@ import xarray as xr
 
 from proxops.diagrams.logs import FlightLog
 from proxops.systems.common import needed, write_whole
-from proxops.systems.lidar import ray_directions
 
 # Names of frames: body-fixed, the spacecraft's, and where the navigation believes it to be.
 _BODY, _CRAFT, _BELIEVED = "K", "S", "S_believed"
@@ -56,7 +55,7 @@ def write_mcap(log: FlightLog, path: str | Path) -> None:
         ("/flight", "proxops.Flight", _numbers(data)),
     ]
     if "ranges" in data:
-        channels.append(("/lidar", "foxglove.PointCloud", _clouds(data)))
+        channels.append(("/lidar", "foxglove.PointCloud", _clouds(log)))
 
     def write(file: Path) -> None:
         with file.open("wb") as stream:
@@ -121,10 +120,11 @@ def _attitudes(data: xr.Dataset, name: str) -> np.ndarray:
     return data[name].values if name in data else np.tile(_STILL, (data.sizes["time"], 1))
 
 
-def _clouds(data: xr.Dataset) -> Iterator[Message]:
+def _clouds(log: FlightLog) -> Iterator[Message]:
     """The returns of each frame, in S."""
+    data = log.dataset
     ranges = data["ranges"].values
-    directions = ray_directions(*ranges.shape[1:]).reshape(*ranges.shape[1:], 3)
+    directions = log.scenario.lidar_geometry.directions.reshape(*ranges.shape[1:], 3)
     fields = [{"name": name, "offset": 4 * k, "type": _FLOAT32} for k, name in enumerate("xyz")]
     for time, frame in zip(data["time"].values, ranges, strict=True):
         hits = np.isfinite(frame)

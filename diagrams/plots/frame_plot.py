@@ -17,7 +17,6 @@ from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.plots.shared_axes import length_unit, unit_at
 from proxops.diagrams.scenario import LidarNavigationConfig
 from proxops.systems.common import InputError
-from proxops.systems.lidar import ray_directions
 from proxops.systems.navigation import ReturnUse, load_map
 from proxops.systems.shapes import Polyhedron, ray_caster
 
@@ -90,7 +89,7 @@ def plot_frame(log: FlightLog, row: int) -> Figure:
         )
     measured = data["ranges"].values[row]
     use = data["navigation_return_use"].values[row].ravel()
-    predicted = _predicted(log, _map(log, settings), taken, measured.shape)
+    predicted = _predicted(log, _map(log, settings), taken)
     measured = measured.ravel().astype(float)
     returned = np.flatnonzero(np.isfinite(measured))
     measured, use, predicted = measured[returned], use[returned], predicted[returned]
@@ -128,9 +127,7 @@ def _map(log: FlightLog, settings: LidarNavigationConfig) -> Polyhedron:
         raise InputError(f"navigation.map of the log: {error}") from error
 
 
-def _predicted(
-    log: FlightLog, map_shape: Polyhedron, row: int, shape: tuple[int, ...]
-) -> np.ndarray:
+def _predicted(log: FlightLog, map_shape: Polyhedron, row: int) -> np.ndarray:
     """The ranges (planes * rays,) in m that a map predicts at the pose believed in a row.
 
     They are +inf where the body is not met.
@@ -139,6 +136,6 @@ def _predicted(
     if not np.isfinite(state).all():
         raise InputError(f"in row {row} of the log the navigation has no state")
     turn = Rotation.from_quat(log.dataset["navigation_attitude"].values[row], scalar_first=True)
-    directions = turn.apply(ray_directions(*shape))
+    directions = turn.apply(log.scenario.lidar_geometry.directions)
     distances, facets, _ = ray_caster(map_shape).first_hits(state[:3], directions)
     return np.where(facets >= 0, distances, np.inf)

@@ -237,7 +237,7 @@ def _in_folder(each: Dispersion, folder: Path) -> Dispersion:
 
 
 def _with_base(tree: dict[str, typing.Any], source: str | Path) -> dict[str, typing.Any]:
-    """Gives the keys of a file with those of the dispersions that it is based on.
+    """Gives the keys of a file with those of the dispersions that it is based on, and so on.
 
     Raises:
       InputError: no such dispersions ship.
@@ -250,7 +250,7 @@ def _with_base(tree: dict[str, typing.Any], source: str | Path) -> dict[str, typ
         raise InputError(
             f"{source}: {BASE} must name dispersions that ship with proxops: {_known()}"
         )
-    return read_mapping(base) | own
+    return _with_base(read_mapping(base), base) | own
 
 
 def _shipped() -> list[Path]:

@@ -158,7 +158,7 @@ def settled_noise(noise: AttitudeNoise, period: float, steps: int) -> tuple[floa
       The standard deviation of the attitude about each axis, and that of white noise whose mean
       over a long time is as uncertain, both in rad.
     """
-    now = first_attitude(np.array([1.0, 0.0, 0.0, 0.0]), noise)
+    now = prior = first_attitude(np.array([1.0, 0.0, 0.0, 0.0]), noise)
     for _ in range(_SETTLING):
         prior = propagated(now, np.zeros(3), period, noise)
         now = corrected_attitude(prior, prior.attitude, noise)

@@ -12,7 +12,7 @@ from proxops.diagrams.flight import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import RigidBodyConfig, Scenario, load_scenario, load_spacecraft
-from proxops.systems.attitude import pointing_error
+from proxops.systems.attitude import AttitudeGuidanceConfig, pointing_error
 from proxops.systems.common import InputError
 from proxops.systems.vehicle import STANDARD_GRAVITY
 
@@ -141,14 +141,17 @@ def test_a_law_of_ones_own_turns_the_spacecraft(tmp_path, monkeypatch):
     law = Path(__file__).stem
     monkeypatch.chdir(Path(__file__).parent)
     brief = rigid(arrival__deadline_s=100.0, arrival__dwell_s=50.0)
-    brief.spacecraft.pointing.law = f"{law}:tumbling"
-    log = fly(brief, "zero")
+
+    def by(name: str) -> Scenario:
+        pointing = AttitudeGuidanceConfig(law=f"{law}:{name}")
+        return dc.replace(brief, spacecraft=RigidBodyConfig(pointing=pointing))
+
+    log = fly(by("tumbling"), "zero")
     assert pointing_errors(log)[5:].max() < 0.1
     turned = pointing_error(*log.dataset["inertial_attitude"].values[[0, -1]])
     assert np.degrees(turned) == pytest.approx(np.degrees(2e-3) * log.dataset["time"][-1], abs=1.0)
-    brief.spacecraft.pointing.law = f"{law}:wrong"
     with pytest.raises(InputError, match="'reference' of 4 numbers"):
-        fly(brief, "zero")
+        fly(by("wrong"), "zero")
 
 
 def tumbling(scenario, body) -> Tumble:
