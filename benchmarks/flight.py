@@ -7,11 +7,12 @@ others begin.
 Each controller flies transits of the standard set in this process, on one thread, with the lidar
 logged at every step, and then again in a world that is drawn from `after_survey`. The MPC's step
 stands beside the paper's. With `--gravity table` all on board, and the world as believed, have the
-field from its table. `--spacecraft` flies a rigid one, of this model. Run it on a machine that does
-nothing else:
+field from its table. `--spacecraft` flies a rigid one, of this model; `--layouts` shows what each
+layout of thrusters takes. Run it on a machine that does nothing else:
 
     python benchmarks/flight.py [--transits 3] [--gravity table] [--spacecraft smallsat]
     python benchmarks/flight.py --batch 512 [--steps 300]
+    python benchmarks/flight.py --layouts
 """
 
 import argparse
@@ -31,14 +32,18 @@ import numpy as np
 from _kept import keep
 from _tables import Shown
 
+from proxops.assets import ASSETS
 from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import (
     Body,
     draw_world,
     load_body,
     load_scenario,
+    load_spacecraft,
     make_true_body,
 )
+from proxops.systems.attitude import AllocationProgram
+from proxops.systems.common import spread_directions
 from proxops.systems.shapes import ray_caster
 
 PAPER_MPC_S = 0.473
@@ -86,6 +91,27 @@ def body_times(count: int, body: Body) -> list[float]:
     return times
 
 
+def print_layouts() -> None:
+    """What each layout that ships takes for a small force, in directions evenly all around."""
+    lines = {}
+    for folder in sorted((ASSETS / "spacecraft").iterdir()):
+        model = load_spacecraft(folder.name)
+        program, wrenches = AllocationProgram(model.thrusters), model.thrusters.wrenches()
+        force = 0.1 * model.config.thrust_limit_n
+        sums = [
+            model.thrusters.forces @ program.solve(force * way, np.zeros(3), wrenches).shares
+            for way in spread_directions(500)
+        ]
+        along = force * np.abs(spread_directions(500)).sum(axis=1)
+        lines[folder.name] = [
+            str(model.thrusters.count),
+            f"{np.sum(sums) / np.sum(along):.3f}",
+            f"{np.max(sums / along):.3f}",
+        ]
+    headings = "thrusters", "propellant, mean", "greatest"
+    Shown("over that of thrusters along each axis", headings, lines).show()
+
+
 def steps_a_second(observation: str, transits: int, steps: int) -> float:
     """Environment steps for each second of processor time."""
     import gymnasium
@@ -124,11 +150,14 @@ def main() -> None:
     parser.add_argument("--transits", type=int, default=3)
     parser.add_argument("--gravity", choices=("exact", "table"), default="exact")
     parser.add_argument("--spacecraft", metavar="MODEL", help="a rigid one; default: a point")
+    parser.add_argument("--layouts", action="store_true", help="the propellant of each, no more")
     parser.add_argument("--batch", type=int, default=0, help="transits at once")
     parser.add_argument("--steps", type=int, default=300, help="of each of these")
     asked = parser.parse_args()
     if asked.batch:
         return print_batch(asked.batch, asked.steps)
+    if asked.layouts:
+        return print_layouts()
     count, chosen = asked.transits, {"gravity": asked.gravity}
     where = "" if asked.gravity == "exact" else ", gravity: table"
     if asked.spacecraft:

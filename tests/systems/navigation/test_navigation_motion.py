@@ -36,7 +36,7 @@ from proxops.systems.vehicle.attitude_error import believed_axes
 
 MASS, RATE, TAU = 1000.0, 3.24e-4, 600.0
 FORCE = np.array([5.0, -3.0, 6.0])
-PUSH = float(np.abs(FORCE).sum())
+PUSH = 23.0  # More than that, of thrusters that are not along the axes.
 START = 1500.0
 TURN = Rotation.from_rotvec([0.01, -0.02, 0.015])
 MODES = 2
@@ -77,7 +77,7 @@ def integrated(given: Estimate, duration: float) -> tuple[np.ndarray, np.ndarray
     def rates(time: float, y: np.ndarray) -> np.ndarray:
         r, v, attitude = y[:3], y[3:6], y[6:].reshape(3, 3)
         arm = r - mean[CENTRE_OF_MASS]
-        spent = given.spent + np.abs(FORCE).sum() / MASS * time
+        spent = given.spent + PUSH / MASS * time
         mass = MASS * (1.0 - mean[PROPELLANT] * spent)
         acceleration = (
             (1.0 + mean[GRAVITY]) * field.evaluate(arm[None]).acceleration[0]
@@ -109,7 +109,7 @@ def test_the_mean_against_scipy() -> None:
     assert np.linalg.norm(found.state[:3] - state[:3]) < 0.01
     assert np.linalg.norm(found.state[3:] - state[3:]) < 2e-4
     assert np.linalg.norm(found.rotation - rotation) < 1e-9
-    assert found.spent == pytest.approx(20.0 + 14.0 * 100.0 / MASS)
+    assert found.spent == pytest.approx(20.0 + PUSH * 100.0 / MASS)
 
 
 def test_constants_stay_and_what_varies_decays() -> None:
@@ -275,6 +275,15 @@ def test_attitude_drifts_as_the_vehicle_s(phase: float) -> None:
     off = (Rotation.from_matrix(found.rotation) * truth(3600.0).inv()).magnitude()
     assert drifted > 1e-3
     assert off < 1e-3 * drifted
+
+
+def test_each_thrusters_own_errors_are_noise_while_they_push() -> None:
+    found = stepped(estimate(), 5, motion(thrust_varying=0.01)).covariance
+    as_much = stepped(
+        estimate(), 5, motion(acceleration_varying_m_s2=0.01 * PUSH / MASS)
+    ).covariance
+    np.testing.assert_allclose(found, as_much, rtol=1e-12)
+    assert found[3, 3] > 0.0
 
 
 def test_uneven_density_is_in_the_covariance() -> None:
