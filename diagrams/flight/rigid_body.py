@@ -42,10 +42,9 @@ from proxops.systems.attitude import (
 from proxops.systems.common import (
     InputError,
     Quaternion,
-    Vector,
-    Vector3,
     quaternion_of,
     quaternion_product,
+    vector_of,
 )
 from proxops.systems.vehicle import (
     FreshHold,
@@ -94,10 +93,10 @@ def _start(wiring: Wiring) -> RigidBodyStart:
     axes = believed_axes(
         0.0,
         believed_spin=world.body.spin_rate,
-        true_spin=_three(world.true_body.spin),
+        true_spin=vector_of(world.true_body.spin),
         phase=math.radians(truth.phase_deg),
     )
-    error = quaternion_of(_three(np.radians(truth.attitude.constant_deg)))
+    error = quaternion_of(vector_of(np.radians(truth.attitude.constant_deg)))
     state = np.concatenate([world.transit.start, world.transit.start_velocity])
     attitude = quaternion_product(axes, quaternion_product(_pointed(wiring), error))
     return RigidBodyStart(state, attitude, (0.0, 0.0, world.body.spin_rate))
@@ -112,12 +111,7 @@ def _pointed(wiring: Wiring) -> Quaternion:
     boresight, start = np.array(settings.pointing.boresight), wiring.world.transit.start
     way = np.array(settings.pointing.place_m) - start
     turn = shortest_turn(boresight / np.linalg.norm(boresight), way / np.linalg.norm(way))
-    return quaternion_of(_three(turn))
-
-
-def _three(values: Vector3) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z
+    return quaternion_of(vector_of(turn))
 
 
 def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
@@ -136,14 +130,14 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
     attitude = craft.GetOutputPort("attitude")
     inertial = wiring.add(
         "inertial_attitude",
-        InertialAttitude(_three(world.true_body.spin), math.radians(truth.phase_deg)),
+        InertialAttitude(vector_of(world.true_body.spin), math.radians(truth.phase_deg)),
         attitude=attitude,
     )
     tracker = StarTracker(
         model.config.star_tracker,
         period,
         wiring.seed(ATTITUDE_STREAM),
-        constant=_three(np.radians(truth.attitude.constant_deg)),
+        constant=vector_of(np.radians(truth.attitude.constant_deg)),
         varying_std=math.radians(truth.attitude.varying_std_deg),
         correlation_time=truth.attitude.correlation_time_s,
     )
@@ -305,7 +299,8 @@ def _add_thrusters(
     failure = None
     if truth.rigid_body.failed_thruster >= 0:
         failure = Failure(truth.rigid_body.failed_thruster, truth.rigid_body.failure_time_s)
-    impulse = truth.specific_impulse_s or own.settings.specific_impulse_s
+    impulse = wiring.scenario.true_specific_impulse_s
+    assert impulse is not None
     cluster = ThrusterCluster(layout, own.period, impulse, failure)
     wiring.add("thruster_cluster", cluster, on_times=times)
     for name in ("force", "torque", "mass_flow"):

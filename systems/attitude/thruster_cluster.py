@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +18,7 @@ from proxops.systems.common import (
     quaternion_of,
     rotated,
     vector,
+    vector_of,
 )
 from proxops.systems.vehicle import STANDARD_GRAVITY, ThrusterErrors
 
@@ -72,9 +72,9 @@ def true_layout(
     # Of a thruster between axes, by its share along each.
     scale = np.maximum(scale, 0.0) * (layout.directions**2 @ np.array(common.scale))
     own = np.radians(truth.thruster_direction_std_deg) * _draws(seed, _DIRECTION, n)
-    mounting = quaternion_of(_three(common.direction))
+    mounting = quaternion_of(vector_of(common.direction))
     directions = [
-        rotated(mounting, rotated(quaternion_of(_three(turn)), _three(each)))
+        rotated(mounting, rotated(quaternion_of(vector_of(turn)), vector_of(each)))
         for turn, each in zip(own, layout.directions, strict=True)
     ]
     places = layout.places + truth.thruster_place_std_m * _draws(seed, _PLACE, n)
@@ -88,11 +88,6 @@ def true_layout(
 
 def _draws(seed: int, stream: int, n: int) -> Vectors3:
     return generator(seed, 0, stream).standard_normal((n, 3))
-
-
-def _three(values: Sequence[float] | Values) -> tuple[float, float, float]:
-    x, y, z = map(float, values)
-    return x, y, z
 
 
 class ThrusterCluster(LeafSystem):

@@ -30,6 +30,7 @@ from proxops.systems.common.checks import (
     check_type,
     checked_semi_axes,
     finite_vector,
+    vector_of,
 )
 from proxops.systems.common.controller_offers import (
     LegendEntry,
@@ -151,6 +152,7 @@ __all__ = [
     "unit_of",
     "values_in_words",
     "vector",
+    "vector_of",
     "whole_folder",
     "write_json",
     "write_whole",
