@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario import SpacecraftModel
 from proxops.systems import PolyhedralGravity, RigidSpacecraft
-from proxops.systems.attitude import ThrusterCluster
+from proxops.systems.attitude import ThrusterCluster, ThrusterLayout, WheelArray
 from proxops.systems.common import generator
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, PointMassField
 from proxops.systems.vehicle import RigidBodyStart
@@ -108,21 +108,88 @@ def by_proxops(model: SpacecraftModel, on: np.ndarray, motors: np.ndarray) -> En
 
 def rigid_by_basilisk(model: SpacecraftModel, on: np.ndarray, motors: np.ndarray) -> End:
     """The same by Basilisk, in steps of Runge-Kutta's fourth order."""
-    from Basilisk.architecture import messaging, sysModel
-    from Basilisk.simulation import (
-        GravityGradientEffector,
-        gravityEffector,
-        reactionWheelStateEffector,
-        spacecraft,
-        thrusterDynamicEffector,
-    )
-    from Basilisk.utilities import SimulationBaseClass, macros, simIncludeRW, simIncludeThruster
+    from Basilisk.utilities import SimulationBaseClass, macros
 
     assert model.wheels is not None
-    wheels, layout = model.wheels, model.thrusters
+    simulation = SimulationBaseClass.SimBaseClass()
+    step = macros.sec2nano(STEP)
+    simulation.CreateNewProcess("process").addTask(simulation.CreateNewTask("motion", step))
+    craft, gradient = _hub(model)
+    wheels, thrusters = _wheels(model.wheels, craft), _thrusters(model.thrusters, craft)
+    given = _commands(on, motors)
+    thrusters.cmdsInMsg.subscribeTo(given.on)
+    wheels.rwMotorCmdInMsg.subscribeTo(given.motors)
+    for number, part in enumerate((given, thrusters, wheels, craft, gradient)):
+        simulation.AddModelToTask("motion", part, 100 - number)
+    simulation.InitializeSimulation()
+    simulation.ConfigureStopTime(macros.sec2nano(len(on) * PERIOD))
+    simulation.ExecuteSimulation()
+    end, axes = craft.scStateOutMsg.read(), model.wheels.axes
+    rate = np.array(end.omega_BN_B)
+    speeds = np.array(wheels.rwSpeedOutMsg.read().wheelSpeeds[: len(axes)])
+    momenta = model.wheels.inertia * (axes @ rate + speeds)
+    return End(np.array(end.r_CN_N), Rotation.from_mrp(end.sigma_BN), rate, momenta)
+
+
+def _hub(model: SpacecraftModel):
+    """Basilisk's spacecraft in the gravity of a point mass, and the torque of its gradient."""
+    from Basilisk.simulation import GravityGradientEffector, gravityEffector, spacecraft
+
+    craft = spacecraft.Spacecraft()
+    craft.hub.mHub, craft.hub.IHubPntBc_B = model.mass, model.inertia.tolist()
+    position, velocity = START
+    craft.hub.r_CN_NInit = position.reshape(3, 1).tolist()
+    craft.hub.v_CN_NInit = (velocity + np.cross(SPIN, position)).reshape(3, 1).tolist()
+    craft.hub.omega_BN_BInit = RATE.reshape(3, 1).tolist()
+    planet = gravityEffector.GravBodyData()
+    planet.planetName, planet.isCentralBody = "body", True
+    planet.mu = GRAVITATIONAL_CONSTANT * MASS
+    craft.gravField.gravBodies = spacecraft.GravBodyVector([planet])
+    gradient = GravityGradientEffector.GravityGradientEffector()
+    gradient.addPlanetName("body")
+    craft.addDynamicEffector(gradient)
+    return craft, gradient
+
+
+def _wheels(wheels: WheelArray, craft):
+    """Balanced wheels without limits or friction."""
+    from Basilisk.architecture import messaging
+    from Basilisk.simulation import reactionWheelStateEffector
+    from Basilisk.utilities import simIncludeRW
+
+    factory = simIncludeRW.rwFactory()
+    effector = reactionWheelStateEffector.ReactionWheelStateEffector()
+    for axis in wheels.axes:
+        factory.create(
+            "custom", axis.tolist(), Js=wheels.inertia, Omega=0.0, u_max=1e3, maxMomentum=1e6,
+            RWModel=messaging.BalancedWheels, useRWfriction=False, useMinTorque=False,
+            useMaxTorque=False,
+        )  # fmt: skip
+    factory.addToSpacecraft("wheels", effector, craft)
+    return effector
+
+
+def _thrusters(layout: ThrusterLayout, craft):
+    """Thrusters that are on or off at once."""
+    from Basilisk.simulation import thrusterDynamicEffector
+    from Basilisk.utilities import simIncludeThruster
+
+    factory = simIncludeThruster.thrusterFactory()
+    effector = thrusterDynamicEffector.ThrusterDynamicEffector()
+    each = zip(layout.places, layout.directions, layout.forces, strict=True)
+    for place, direction, force in each:
+        factory.create("Blank_Thruster", place.tolist(), direction.tolist(), MaxThrust=float(force))
+    factory.addToSpacecraft("thrusters", effector, craft)
+    return effector
+
+
+def _commands(on: np.ndarray, motors: np.ndarray):
+    """A model of Basilisk that writes the commands of each period at its start."""
+    from Basilisk.architecture import messaging, sysModel
+    from Basilisk.utilities import macros
 
     class Commands(sysModel.SysModel):
-        """Writes the commands of each period at its start."""
+        """Writes torques at each step, and on-times once a period."""
 
         def __init__(self):
             super().__init__()
@@ -143,58 +210,4 @@ def rigid_by_basilisk(model: SpacecraftModel, on: np.ndarray, motors: np.ndarray
             times.OnTimeRequest = np.maximum(on[k] - 0.5 * STEP, 0.0).tolist()
             self.on.write(times, now, self.moduleID)
 
-    simulation = SimulationBaseClass.SimBaseClass()
-    process = simulation.CreateNewProcess("process")
-    process.addTask(simulation.CreateNewTask("motion", macros.sec2nano(STEP)))
-    craft = spacecraft.Spacecraft()
-    craft.hub.mHub, craft.hub.IHubPntBc_B = model.mass, model.inertia.tolist()
-    position, velocity = START
-    craft.hub.r_CN_NInit = position.reshape(3, 1).tolist()
-    craft.hub.v_CN_NInit = (velocity + np.cross(SPIN, position)).reshape(3, 1).tolist()
-    craft.hub.omega_BN_BInit = RATE.reshape(3, 1).tolist()
-    planet = gravityEffector.GravBodyData()
-    planet.planetName, planet.isCentralBody = "body", True
-    planet.mu = GRAVITATIONAL_CONSTANT * MASS
-    craft.gravField.gravBodies = spacecraft.GravBodyVector([planet])
-    gradient = GravityGradientEffector.GravityGradientEffector()
-    gradient.addPlanetName("body")
-    craft.addDynamicEffector(gradient)
-
-    factory, effector = (
-        simIncludeRW.rwFactory(),
-        reactionWheelStateEffector.ReactionWheelStateEffector(),
-    )
-    for axis in wheels.axes:
-        factory.create(
-            "custom", axis.tolist(), Js=wheels.inertia, Omega=0.0, u_max=1e3, maxMomentum=1e6,
-            RWModel=messaging.BalancedWheels, useRWfriction=False, useMinTorque=False,
-            useMaxTorque=False,
-        )  # fmt: skip
-    factory.addToSpacecraft("wheels", effector, craft)
-    thrusters, places = (
-        thrusterDynamicEffector.ThrusterDynamicEffector(),
-        simIncludeThruster.thrusterFactory(),
-    )
-    for place, direction, force in zip(
-        layout.places, layout.directions, layout.forces, strict=True
-    ):
-        places.create("Blank_Thruster", place.tolist(), direction.tolist(), MaxThrust=float(force))
-    places.addToSpacecraft("thrusters", thrusters, craft)
-    given = Commands()
-    thrusters.cmdsInMsg.subscribeTo(given.on)
-    effector.rwMotorCmdInMsg.subscribeTo(given.motors)
-    simulation.AddModelToTask("motion", given, 100)
-    for number, part in enumerate((thrusters, effector, craft, gradient)):
-        simulation.AddModelToTask("motion", part, 90 - number)
-    simulation.InitializeSimulation()
-    simulation.ConfigureStopTime(macros.sec2nano(len(on) * PERIOD))
-    simulation.ExecuteSimulation()
-    end = craft.scStateOutMsg.read()
-    rate = np.array(end.omega_BN_B)
-    speeds = np.array(effector.rwSpeedOutMsg.read().wheelSpeeds[: len(wheels.axes)])
-    return End(
-        np.array(end.r_CN_N),
-        Rotation.from_mrp(end.sigma_BN),
-        rate,
-        wheels.inertia * (wheels.axes @ rate + speeds),
-    )
+    return Commands()
