@@ -126,7 +126,7 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
     scenario, world, truth = wiring.scenario, wiring.world, wiring.scenario.truth
     settings = scenario.spacecraft
     assert isinstance(settings, RigidBodyConfig)
-    model, period = load_spacecraft(settings.model), settings.attitude_period_s
+    model, period = load_spacecraft(settings.model), scenario.attitude_period_s
     attitude = craft.GetOutputPort("attitude")
     inertial = wiring.add(
         "inertial_attitude",
@@ -157,7 +157,7 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
         gyro=gyro.get_output_port(),
     )
     wiring.logged["inertial_attitude"] = inertial.get_output_port()
-    steps = round(scenario.control_period_s / period)
+    steps = scenario.attitude_steps
     given = wiring.add("given_force", GivenForce(period, steps))
     thrust = wiring.add("given_thrust", GivenForce(period, steps, 1))
     names = ("attitude", "angular_velocity", "body_attitude", "middle_attitude")
@@ -179,7 +179,7 @@ def add_actuation(
     """
     settings = wiring.scenario.spacecraft
     assert isinstance(settings, RigidBodyConfig)
-    own = _Attitude(settings, load_spacecraft(settings.model), settings.attitude_period_s)
+    own = _Attitude(settings, load_spacecraft(settings.model), wiring.scenario.attitude_period_s)
     fresh = wiring.add("force_sample", FreshHold(wiring.scenario.control_period_s, 3), u=command)
     known = {**known, "force": fresh.get_output_port()}
     torque = _add_control(wiring, own, craft, known)

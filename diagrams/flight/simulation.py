@@ -157,8 +157,7 @@ def make_simulator(
     simulator.get_mutable_context().SetAccuracy(_EVENT_ACCURACY)
     steps, scheme = math.ceil(scenario.control_period_s / _LONGEST_STEP), "runge_kutta5"
     if isinstance(scenario.spacecraft, RigidBodyConfig):
-        steps = round(scenario.control_period_s / scenario.spacecraft.attitude_period_s)
-        scheme = "runge_kutta3"
+        steps, scheme = scenario.attitude_steps, "runge_kutta3"
     integrator = ResetIntegratorFromFlags(
         simulator, scheme=scheme, max_step_size=scenario.control_period_s / steps
     )

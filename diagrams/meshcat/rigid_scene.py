@@ -50,7 +50,7 @@ class RigidView:
         """Draws nothing yet; the scenario's spacecraft must be a rigid body."""
         settings = scenario.spacecraft
         assert isinstance(settings, RigidBodyConfig)
-        self._scene, self._period = scene, settings.attitude_period_s
+        self._scene, self._period = scene, scenario.attitude_period_s
         model = load_spacecraft(settings.model)
         self.thrusters, self._solids = model.thrusters, solids_of(model)
         self._failure = scenario.truth.rigid_body

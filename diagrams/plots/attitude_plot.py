@@ -48,7 +48,7 @@ def plot_attitude(log: FlightLog) -> Figure:
         share = data["wheel_momentum"].values / model.wheels.momentum
         wheels.plot(minutes, 100.0 * share, linewidth=1.0)
     wheels.set_ylabel("wheels (% of limit)")
-    on = data["on_times"].values.T / settings.attitude_period_s
+    on = data["on_times"].values.T / log.scenario.attitude_period_s
     edges = np.append(minutes, minutes[-1])
     mesh = thrusters.pcolormesh(
         edges, np.arange(len(on) + 1) - 0.5, on, vmin=0.0, vmax=1.0, cmap="magma_r"

@@ -234,7 +234,7 @@ def _direction(dispersions: Dispersions) -> float:
         angle += math.sqrt(3.0) * _DEVIATIONS * tracker.noise_deg
         if craft.pointing.mode != "hold":
             # A pulse goes where S has been turned to at its end.
-            angle += craft.pointing.slew_deg_s * craft.attitude_period_s
+            angle += craft.pointing.slew_deg_s * scenario.attitude_period_s
     if isinstance(scenario.navigation, LidarNavigationConfig):
         return angle
     longest = scenario.arrival.deadline_s + scenario.arrival.dwell_s

@@ -42,13 +42,6 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
 def _times(scenario: Scenario) -> Iterator[str]:
     """Yields a message for each time that does not fit the control period."""
     period, arrival = scenario.control_period_s, scenario.arrival
-    if isinstance(scenario.spacecraft, RigidBodyConfig):
-        steps = period / scenario.spacecraft.attitude_period_s
-        if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
-            yield (
-                f"spacecraft.attitude_period_s must divide control_period_s, {period:g} s, into "
-                f"equal parts, got {scenario.spacecraft.attitude_period_s}"
-            )
     if scenario.mpc.solve_delay_s > period:
         yield (
             "mpc.solve_delay_s must be from 0 to control_period_s, "

@@ -167,6 +167,17 @@ class Scenario:
         return isinstance(self.spacecraft, RigidBodyConfig)
 
     @property
+    def attitude_steps(self) -> int:
+        """Attitude steps in a control period, of a rigid spacecraft."""
+        assert isinstance(self.spacecraft, RigidBodyConfig)
+        return math.ceil(self.control_period_s / self.spacecraft.attitude_period_s - 1e-9)
+
+    @property
+    def attitude_period_s(self) -> float:
+        """Time from one attitude step to the next, of a rigid spacecraft."""
+        return self.control_period_s / self.attitude_steps
+
+    @property
     def lidar_geometry(self) -> LidarGeometry:
         """Where the lidar's rays point, and how far they reach."""
         sensor = self.lidar

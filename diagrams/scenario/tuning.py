@@ -89,8 +89,7 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
     craft = scenario.spacecraft
     if isinstance(craft, RigidBodyConfig):
         noise = load_spacecraft(craft.model).noise
-        steps = round(scenario.control_period_s / craft.attitude_period_s)
-        _, white = settled_noise(noise, craft.attitude_period_s, steps)
+        _, white = settled_noise(noise, scenario.attitude_period_s, scenario.attitude_steps)
         errors.attitude_noise_deg = math.degrees(white)
         # Which thrusters push changes; what they have in common on the whole remains.
         across = dispersions.rms("truth.rigid_body.thruster_direction_std_deg") or 0.0

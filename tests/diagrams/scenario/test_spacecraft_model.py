@@ -91,8 +91,10 @@ def test_a_scenario_names_a_model_and_takes_mass_and_thrust_from_it(tmp_path):
     assert isinstance(scenario.spacecraft, RigidBodyConfig)
     assert (scenario.spacecraft.mass_kg, scenario.spacecraft.thrust_limit_n) == (1400.0, 6.0)
     assert parse_scenario(dump_scenario(scenario)) == scenario
-    with pytest.raises(InputError, match="attitude_period_s must divide control_period_s, 10 s"):
-        load_scenario(spacecraft={**rigid, "attitude_period_s": 3.0})
+    # The control period of 10 s is divided evenly.
+    for asked, steps in ((1.0, 10), (3.0, 4), (20.0, 1)):
+        divided = load_scenario(spacecraft={**rigid, "attitude_period_s": asked})
+        assert (divided.attitude_steps, divided.attitude_period_s) == (steps, 10.0 / steps)
     with pytest.raises(InputError, match="'osirisrex' does not ship"):
         load_scenario(spacecraft={"_tag": "!RigidBody", "model": "osirisrex"})
     # A path in a scenario file is relative to that file.
