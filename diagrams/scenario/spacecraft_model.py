@@ -111,8 +111,8 @@ class RigidBodyConfig:
     # Greatest speed per axis in the body-fixed frame. The MPC respects it; the plant does not
     # enforce it.
     speed_limit_m_s: float = number(40.0, at_least=1e-6, at_most=1e5, unit="m/s")
-    # Greatest time from one measurement of the attitude to the next; thrusters and wheels are set as
-    # often. The control period is divided into equal parts.
+    # Greatest time from one measurement of the attitude to the next; thrusters and wheels are set
+    # as often. The control period is divided into equal parts.
     attitude_period_s: float = number(1.0, at_least=1e-3, at_most=3600.0, unit="s")
     pointing: AttitudeGuidanceConfig = dc.field(default_factory=AttitudeGuidanceConfig)
 
