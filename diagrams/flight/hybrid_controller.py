@@ -63,7 +63,7 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
         ReachModel.of(
             body.gravity_field,
             body.keep_out_semi_axes,
-            spin=body.spin_rate,
+            spin=body.spin_about_z,
             acceleration=(bounds.strongest + bounds.across) * acceleration,
             weakest=max(bounds.weakest - bounds.across, 0.0) * acceleration,
             gravity=bounds.gravity,

@@ -46,11 +46,14 @@ from proxops.systems.common import (
     quaternion_product,
     vector_of,
 )
+from proxops.systems.rotation import BodyRotation, TorqueFreeSpin
 from proxops.systems.vehicle import (
     FreshHold,
     RigidBodyStart,
     RigidSpacecraft,
+    Spacecraft,
     believed_axes,
+    phase_vector,
 )
 
 
@@ -68,13 +71,13 @@ def add_rigid_spacecraft(wiring: Wiring) -> RigidSpacecraft:
     settings, truth = scenario.spacecraft, scenario.truth
     assert isinstance(settings, RigidBodyConfig)
     model = load_spacecraft(settings.model)
-    share = truth.mass * settings.mass
+    share, spin = truth.mass * settings.mass, world.true_body.spin
     inertia = share * truth.rigid_body.inertia * model.inertia
     wheels = model.wheels
     craft = RigidSpacecraft(
         share * model.mass,
         inertia,
-        world.true_body.spin,
+        None if isinstance(spin, TorqueFreeSpin) else spin.rate,
         _start(wiring),
         world.true_body.axis_point,
         None if wheels is None else wheels.axes,
@@ -84,7 +87,18 @@ def add_rigid_spacecraft(wiring: Wiring) -> RigidSpacecraft:
         wiring.logged[name] = craft.GetOutputPort(name)
     if wheels is not None:
         wiring.logged["wheel_momentum"] = craft.GetOutputPort("wheel_momentum")
-    return wiring.add("spacecraft", craft)
+    return wiring.add("spacecraft", craft, **rotation_of(wiring, craft))
+
+
+def rotation_of(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> Signals:
+    """Adds how the true body turns, if the spacecraft asks; returns what its ports are to get."""
+    if not craft.HasInputPort("spin"):
+        return {}
+    rotation = wiring.add("body_rotation", BodyRotation(wiring.world.true_body.spin))
+    return {
+        "spin": rotation.GetOutputPort("angular_velocity"),
+        "spin_rate": rotation.GetOutputPort("angular_acceleration"),
+    }
 
 
 def _start(wiring: Wiring) -> RigidBodyStart:
@@ -92,14 +106,14 @@ def _start(wiring: Wiring) -> RigidBodyStart:
     world, truth = wiring.world, wiring.scenario.truth
     axes = believed_axes(
         0.0,
-        believed_spin=world.body.spin_rate,
-        true_spin=vector_of(world.true_body.spin),
+        believed_spin=world.body.spin,
+        true_spin=world.true_body.spin,
         phase=math.radians(truth.phase_deg),
     )
     error = quaternion_of(vector_of(np.radians(truth.attitude.constant_deg)))
     state = np.concatenate([world.transit.start, world.transit.start_velocity])
     attitude = quaternion_product(axes, quaternion_product(_pointed(wiring), error))
-    return RigidBodyStart(state, attitude, (0.0, 0.0, world.body.spin_rate))
+    return RigidBodyStart(state, attitude, vector_of(world.body.spin.rate))
 
 
 def _pointed(wiring: Wiring) -> Quaternion:
@@ -130,7 +144,9 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
     attitude = craft.GetOutputPort("attitude")
     inertial = wiring.add(
         "inertial_attitude",
-        InertialAttitude(vector_of(world.true_body.spin), math.radians(truth.phase_deg)),
+        InertialAttitude(
+            world.true_body.spin, phase_vector(world.body.spin, math.radians(truth.phase_deg))
+        ),
         attitude=attitude,
     )
     tracker = StarTracker(
@@ -152,7 +168,7 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
     wiring.add("gyro", gyro, angular_velocity=craft.GetOutputPort("angular_velocity"))
     known = wiring.add(
         "attitude_filter",
-        AttitudeFilter(model.noise, world.body.spin_rate, period),
+        AttitudeFilter(model.noise, world.body.spin, period),
         star_tracker=tracker.get_output_port(),
         gyro=gyro.get_output_port(),
     )
@@ -270,7 +286,7 @@ def _add_guidance(wiring: Wiring, own: _Attitude, known: Signals) -> System:
                     f"{size} numbers"
                 )
     else:
-        guidance = AttitudeGuidance(settings, world.body.spin_rate, own.period)
+        guidance = AttitudeGuidance(settings, world.body.spin, own.period)
     names = ("position", "body_attitude", "force")
     inputs = {name: known[name] for name in names if guidance.HasInputPort(name)}
     return wiring.add("attitude_guidance", guidance, **inputs)

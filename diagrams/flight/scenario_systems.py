@@ -77,9 +77,9 @@ def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
     if mpc.cost == "weighted":
         weights = ErrorWeights(mpc.weighted.position_error_m, mpc.weighted.speed_error_m_s)
         horizon = replace(horizon, minimum=mpc.weighted.horizon_s)
-        program = WeightedProgram(field, body.spin_rate, limits, horizon, weights)
+        program = WeightedProgram(field, body.spin, limits, horizon, weights)
     else:
-        program = TransitProgram(field, body.spin_rate, limits, horizon)
+        program = TransitProgram(field, body.spin, limits, horizon)
     return ModelPredictiveController(
         program,
         period=scenario.control_period_s,
@@ -124,7 +124,7 @@ def surroundings(scenario: Scenario, body: Body, checked: bool = False) -> Surro
     return Surroundings(
         field=body.gravity_field,
         mass=body.gravity_field.mass,
-        spin=body.spin_rate,
+        spin=body.spin,
         semi_axes=body.keep_out_semi_axes + margin,
         acceleration=craft.thrust_limit_n / craft.mass_kg,
         speed_limit=craft.speed_limit_m_s,
@@ -194,7 +194,7 @@ def bounded_backup(scenario: Scenario, body: Body, bounds: AssuranceBounds) -> B
         keep_out_semi_axes=body.keep_out_semi_axes,
     )
     period = scenario.control_period_s
-    return BackupBraking(body.exact_field, body.spin_rate, limits, bounds, period)
+    return BackupBraking(body.exact_field, body.spin_about_z, limits, bounds, period)
 
 
 def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:
@@ -256,7 +256,7 @@ def make_navigation(scenario: Scenario, body: Body, expected: ExpectedErrors) ->
     return LidarNavigation(
         shape,
         body.gravity_field,
-        spin=body.spin_rate,
+        spin=body.spin,
         mass=scenario.spacecraft.mass_kg,
         noise_std=max(scenario.lidar.noise_std_m, least_noise),
         geometry=scenario.lidar_geometry,

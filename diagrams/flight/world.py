@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem, OutputPort
 from pydrake.systems.primitives import Adder, ZeroOrderHold
 
-from proxops.diagrams.flight.rigid_body import add_rigid_spacecraft
+from proxops.diagrams.flight.rigid_body import add_rigid_spacecraft, rotation_of
 from proxops.diagrams.flight.scenario_systems import make_events, make_lidar
 from proxops.diagrams.flight.wiring import (
     ACCELERATION_STREAM,
@@ -34,6 +34,7 @@ from proxops.systems import (
     UnexplainedAcceleration,
     VelocityKicks,
 )
+from proxops.systems.rotation import TorqueFreeSpin
 from proxops.systems.vehicle import Thrusters
 
 
@@ -42,10 +43,13 @@ def add_spacecraft(wiring: Wiring) -> Spacecraft | RigidSpacecraft:
     if wiring.scenario.is_rigid:
         return add_rigid_spacecraft(wiring)
     scenario, transit, true_body = wiring.scenario, wiring.world.transit, wiring.world.true_body
-    about_z = not (true_body.spin[:2].any() or true_body.axis_point.any())
+    spin = true_body.spin
+    rate = None if isinstance(spin, TorqueFreeSpin) else spin.rate
+    if rate is not None and spin.about_z and not true_body.axis_point.any():
+        rate = float(rate[2])
     craft = Spacecraft(
         scenario.truth.mass * scenario.spacecraft.mass_kg,
-        float(true_body.spin[2]) if about_z else true_body.spin,
+        rate,
         np.concatenate([transit.start, transit.start_velocity]),
         axis_point=true_body.axis_point,
         burns_propellant=scenario.truth.specific_impulse_s is not None,
@@ -53,7 +57,7 @@ def add_spacecraft(wiring: Wiring) -> Spacecraft | RigidSpacecraft:
     wiring.logged["state"] = craft.GetOutputPort("state")
     if craft.HasOutputPort("mass"):
         wiring.logged["mass"] = craft.GetOutputPort("mass")
-    return wiring.add("spacecraft", craft)
+    return wiring.add("spacecraft", craft, **rotation_of(wiring, craft))
 
 
 def add_accelerations(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> None:
@@ -114,13 +118,13 @@ def add_attitude(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> OutputP
     truth = wiring.scenario.truth
     if craft.HasOutputPort("attitude"):
         return craft.GetOutputPort("attitude")
-    if not turns_the_axes(truth):
+    if not turns_the_axes(truth, wiring.world.body, wiring.world.true_body):
         return None
     error = AttitudeError(
         constant=np.radians(truth.attitude.constant_deg),
         varying_std=math.radians(truth.attitude.varying_std_deg),
         correlation_time=truth.attitude.correlation_time_s,
-        believed_spin=wiring.world.body.spin_rate,
+        believed_spin=wiring.world.body.spin,
         true_spin=wiring.world.true_body.spin,
         phase=math.radians(truth.phase_deg),
         period=wiring.scenario.control_period_s,

@@ -50,6 +50,7 @@ from proxops.systems.common import (
     html_table,
     write_whole,
 )
+from proxops.systems.rotation import SpinModel
 from proxops.systems.shapes import Polyhedron
 
 # Frames: most of their values are the same.
@@ -268,25 +269,25 @@ def commanded_forces(force: np.ndarray, disturbance: np.ndarray, limit: float) -
 
 
 def inertial_motion(
-    times: Values, states: States, spin: Vector3, axis_point: Vector3
+    times: Values, states: States, spin: SpinModel, axis_point: Vector3
 ) -> tuple[np.ndarray, np.ndarray]:
     """Computes the motion in the inertial frame that coincides with K at time 0.
 
     Args:
       times: (N,) in s.
       states: (N, 6), position in m and velocity in m/s in K.
-      spin: angular velocity (3,) in K in rad/s.
-      axis_point: (3,) in K in m, a point of the spin axis, which is at rest in the inertial frame.
+      spin: of the body. axis_point: (3,) in K in m, a point of its axis, which is at rest.
 
     Returns:
       Position (N, 3) in m and velocity (N, 3) in m/s.
     """
     arms = states[:, :3] - axis_point
-    velocity = states[:, 3:] + np.cross(spin, arms)
-    if spin[:2].any() or axis_point.any():
-        turn = Rotation.from_rotvec(times[:, None] * spin)
+    velocity = states[:, 3:] + np.cross(spin.angular_velocity(times), arms)
+    if not spin.about_z or axis_point.any():
+        quaternions = np.array([spin.attitude(time) for time in times.tolist()])
+        turn = Rotation.from_quat(quaternions, scalar_first=True)
         return axis_point + turn.apply(arms), turn.apply(velocity)
-    spin_rate = spin[2]
+    spin_rate = spin.rate[2]
     cos, sin = np.cos(spin_rate * times), np.sin(spin_rate * times)
 
     def turned(vector: np.ndarray) -> np.ndarray:

@@ -9,18 +9,36 @@ import numpy as np
 
 from proxops.assets import ASSETS
 from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, read_mapping
-from proxops.systems.common import InputError, Vector3, check_limits, html_table, number
+from proxops.systems.common import (
+    InputError,
+    Matrix3,
+    Vector3,
+    Vectors3,
+    check_limits,
+    html_table,
+    number,
+)
 from proxops.systems.gravity import BodyField, GravityField, TabulatedField
-from proxops.systems.shapes import Polyhedron
+from proxops.systems.rotation import (
+    SpinModel,
+    SteadySpin,
+    SteadySpinConfig,
+    TorqueFreeSpin,
+    TorqueFreeSpinConfig,
+)
+from proxops.systems.shapes import Polyhedron, mass_properties
 
 # The least and the greatest semi-axis (m) of a keep-out ellipsoid.
 _AXES = (1e-3, 1e9)
 _LONGEST_NAME = 200
+_REQUIRED = (
+    "name", "mesh", "mesh_unit", "mass_kg", "rotation_period_h", "keep_out_semi_axes_m",
+)  # fmt: skip
 
 
 @dc.dataclass(slots=True)
 class BodyConfig:
-    """The keys of a body's YAML file; all of them are required."""
+    """The keys of a body's YAML file; all but `rotation` are required."""
 
     name: str = ""
     # Mesh file (OBJ, PLY, STL or PDS .tab); its path is relative to the body's YAML file.
@@ -31,11 +49,13 @@ class BodyConfig:
     rotation_period_h: float = number(0.0, at_least=1e-3, at_most=1e7, unit="h")
     # Semi-axes along x, y, z of the keep-out ellipsoid about the centre of mass.
     keep_out_semi_axes_m: list[float] = dc.field(default_factory=list)
+    # About which axis it turns, and how; it may be left out.
+    rotation: SteadySpinConfig | TorqueFreeSpinConfig = dc.field(default_factory=SteadySpinConfig)
 
 
 @dc.dataclass(frozen=True)
 class Body:
-    """A rigid body of uniform density that spins uniformly about the body-fixed z axis.
+    """A rigid body of uniform density, as it is believed.
 
     `shape` and every position are in the frame K, which is fixed in the body. The origin of K is
     the centre of mass.
@@ -48,8 +68,37 @@ class Body:
 
     @property
     def spin_rate(self) -> float:
-        """Angular velocity about z in rad/s."""
+        """Rate of the rotation in rad/s, at the start of a flight."""
         return 2.0 * np.pi / (self.config.rotation_period_h * 3600.0)
+
+    @cached_property
+    def spin(self) -> SpinModel:
+        """How K turns."""
+        rotation = self.config.rotation
+        axis = np.array(rotation.axis)
+        rate = self.spin_rate * (axis / np.linalg.norm(axis))
+        if isinstance(rotation, SteadySpinConfig):
+            return SteadySpin(rate)
+        return TorqueFreeSpin(self.inertia_of(self.shape), rate)
+
+    @cached_property
+    def spin_about_z(self) -> float:
+        """The mean rate in rad/s about z: that of the steady spin about z that is the nearest."""
+        if self.spin.about_z:
+            return float(self.spin.rate[2])
+        times = np.linspace(0.0, 20.0 * 2.0 * np.pi / self.spin_rate, 2001)
+        return float(self.spin.angular_velocity(times)[:, 2].mean())
+
+    def inertia_of(self, shape: Polyhedron) -> Matrix3:
+        """The inertia (3, 3) of a body of a shape, up to a factor, about its centre of mass in K.
+
+        It is the one that the body's file gives, otherwise that of a uniform density.
+        """
+        rotation = self.config.rotation
+        if isinstance(rotation, TorqueFreeSpinConfig) and rotation.inertia:
+            xx, yy, zz, xy, xz, yz = rotation.inertia
+            return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return mass_properties(shape.vertices, shape.facets).inertia
 
     @property
     def keep_out_semi_axes(self) -> Vector3:
@@ -94,6 +143,16 @@ class Body:
         return html_table(config.name, rows)
 
 
+def apparent_gravity(gravity: Vectors3, arms: Vectors3, spin: SpinModel) -> Vectors3:
+    """Acceleration (N, 3) in m/s^2 of what is released at rest in K at the start of a flight.
+
+    Args:
+      gravity: (N, 3) in m/s^2. arms: (N, 3) from the centre of mass in m. spin: of K.
+    """
+    rate, change = spin.rate, spin.angular_acceleration(0.0)
+    return gravity - np.cross(rate, np.cross(rate, arms)) - np.cross(change, arms)
+
+
 def load_body(name_or_path: str | Path) -> Body:
     """Loads the body that ships under a name ("kleopatra") or that a YAML file describes.
 
@@ -116,7 +175,7 @@ def load_body(name_or_path: str | Path) -> Body:
         path = shipped
     tree = read_mapping(path)
     config = load_typed(BodyConfig, tree, str(path))
-    missing = [field.name for field in dc.fields(BodyConfig) if field.name not in tree]
+    missing = [name for name in _REQUIRED if name not in tree]
     if missing:
         raise InputError(f"{path}: these keys are missing: {', '.join(missing)}")
     shape = Polyhedron.load(path.parent / config.mesh, config.mesh_unit)
@@ -134,6 +193,14 @@ def check_constants(config: BodyConfig, source: str) -> None:
             "positive number and turn the mesh half a turn: proxops shape FILE --fix NEW --flip"
         )
     check_limits(config, source)
+    rotation = config.rotation
+    if not any(rotation.axis):
+        raise InputError(f"{source}: rotation.axis has no direction, got {rotation.axis}")
+    if isinstance(rotation, TorqueFreeSpinConfig) and len(rotation.inertia) not in (0, 6):
+        raise InputError(
+            f"{source}: rotation.inertia must be six of xx, yy, zz, xy, xz, yz, or be left out, "
+            f"got {len(rotation.inertia)}"
+        )
     if not (0 < len(config.name) <= _LONGEST_NAME and config.name.isprintable()):
         raise InputError(
             f"{source}: name must be 1 to {_LONGEST_NAME} characters that can be printed"
@@ -152,6 +219,10 @@ def check_body(body: Body, source: str) -> None:
     check_constants(body.config, source)
     # The body keeps its field. It is built here, so that a wrong mass or unit is reported now.
     _ = body.gravity_field
+    try:
+        _ = body.spin
+    except InputError as error:
+        raise InputError(f"{source}: rotation.inertia: {error}") from error
     level = np.linalg.norm(body.shape.vertices / axes, axis=1)
     if level.max() >= 1.0:
         raise InputError(

@@ -42,6 +42,8 @@ _WORLDS, _PLACES, _GAPS = 6, 300, 1.25
 # The rotation's errors are bounded up to this distance, in units of the longest semi-axis of the
 # keep-out ellipsoid.
 _FAR = 2.0
+# Turns of a body over which its rotation is looked at, and at how many times.
+_TURNS, _TIMES = 20.0, 2001
 # A surface that is too rough for the mesh is tried with half the roughness, so often.
 _MOST_HALVINGS = 6
 
@@ -55,9 +57,35 @@ def uncertainty_set(scenario: Scenario, body: Body) -> AssuranceBounds:
       InputError: see `AssuranceBounds` and `load_dispersions`; or dispersions that the bounds name
         have a value without an end.
     """
-    if scenario.assurance is None:
-        return AssuranceBounds()
-    return _bounds(scenario.assurance, Dispersions.of(scenario, body))
+    bounds = AssuranceBounds()
+    if scenario.assurance is not None:
+        bounds = _bounds(scenario.assurance, Dispersions.of(scenario, body))
+    beside = tumbling(body, scenario.spacecraft.speed_limit_m_s)
+    return dc.replace(bounds, acceleration_m_s2=bounds.acceleration_m_s2 + beside)
+
+
+def tumbling(body: Body, speed: float) -> float:
+    """What a believed rotation does beside that of a steady spin at its mean rate about z.
+
+    That is what runtime assurance and the hybrid's reach know of it.
+
+    Args:
+      body: as believed. speed: limit per axis in m/s.
+
+    Returns:
+      The greatest acceleration along an axis in m/s^2, by Coriolis, centrifugal and Euler force, up
+      to where errors of the rotation are bounded. 0 of a body that spins steadily about z.
+    """
+    if body.spin.about_z:
+        return 0.0
+    times = np.linspace(0.0, _TURNS * 2.0 * np.pi / body.spin_rate, _TIMES)
+    rates = body.spin.angular_velocity(times)
+    change = float(np.linalg.norm(body.spin.angular_acceleration(times), axis=1).max())
+    size = float(np.linalg.norm(rates, axis=1).max())
+    error = float(np.linalg.norm(rates - [0.0, 0.0, body.spin_about_z], axis=1).max())
+    far = _FAR * float(body.keep_out_semi_axes.max())
+    rotation = 2.0 * error * math.sqrt(3.0) * speed + 2.0 * size * error * far + change * far
+    return _GAPS * rotation
 
 
 def with_bounds(dispersions: Dispersions) -> AssuranceConfig | None:

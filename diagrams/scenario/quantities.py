@@ -44,6 +44,7 @@ QUANTITIES = (
     ),
     Quantity("truth.surface_seed", bounds=HARMLESS, needs="truth.surface_rms_m"),
     Quantity("truth.spin", 1.0, "spin", "acceleration_m_s2"),
+    Quantity("truth.tumbles"),
     Quantity("truth.pole_deg", 0.0, "pole_deg", "acceleration_m_s2"),
     Quantity("truth.attitude.constant_deg", 0.0, "attitude_deg", "thrust_direction_deg"),
     Quantity("truth.phase_deg", 0.0, "attitude_deg", "thrust_direction_deg"),

@@ -96,9 +96,11 @@ class TruthConfig:
     surface_seed: int = number(0, at_least=0, at_most=_LARGEST_SEED)
     # True spin rate, over the believed one.
     spin: float = number(1.0, at_least=0.0, at_most=1e3)
-    # The true spin axis is turned from K's z by these angles about K's x and y.
+    # Whether the true body turns as a rigid body without torque, whatever is believed: it tumbles.
+    tumbles: bool = False
+    # The true spin axis at the start is turned by these angles about K's x and y.
     pole_deg: list[float] = vector([0.0, 0.0], at_least=-90.0, at_most=90.0, unit="degrees")
-    # What is believed of the rotation about z at the start, less what is true.
+    # What is believed of the rotation about the axis at the start, less what is true.
     phase_deg: float = number(0.0, at_least=-180.0, at_most=180.0, unit="degrees")
     attitude: TrueAttitudeConfig = dc.field(default_factory=TrueAttitudeConfig)
     lidar: TrueLidarConfig = dc.field(default_factory=TrueLidarConfig)

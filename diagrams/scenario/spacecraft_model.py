@@ -24,12 +24,12 @@ from proxops.systems.common import (
     InputError,
     Matrix3,
     Vector3,
+    check_inertia,
     check_limits,
     config,
     html_table,
     number,
 )
-from proxops.systems.vehicle import check_inertia
 
 _FOLDER = ASSETS / "spacecraft"
 _MOST_THRUSTERS = 100

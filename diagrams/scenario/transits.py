@@ -6,7 +6,7 @@ import dataclasses as dc
 
 import numpy as np
 
-from proxops.diagrams.scenario.body import Body, load_body
+from proxops.diagrams.scenario.body import Body, apparent_gravity, load_body
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems.common import InputError, Values, Vector3, Vectors3, generator
 from proxops.systems.shapes import blocks_segment, clearances
@@ -120,9 +120,8 @@ def hover_force(positions: Vectors3, mass: float, body: Body) -> Values:
       mass: of the spacecraft, in kg.
       body: gives gravity and spin.
     """
-    apparent = body.gravity_field.evaluate(positions).acceleration.copy()
-    apparent[:, :2] += body.spin_rate**2 * positions[:, :2]
-    return mass * np.abs(apparent).max(axis=1)
+    gravity = body.gravity_field.evaluate(positions).acceleration
+    return mass * np.abs(apparent_gravity(gravity, positions, body.spin)).max(axis=1)
 
 
 def scenario_transit(scenario: Scenario, body: Body) -> Transit:

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from proxops.diagrams.scenario.body import Body
+from proxops.diagrams.scenario.body import Body, apparent_gravity
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.transits import Transit, UnflyableWorldError
 from proxops.systems.common import InputError, Vector3, Vectors3
 from proxops.systems.gravity import BodyField, GravityField
+from proxops.systems.rotation import SpinModel, SteadySpin, TorqueFreeSpin
 from proxops.systems.shapes import Polyhedron, displaced, registered
 
 # A mesh whose size differs from the map's by more than this share of the map's is a mistake, unless
@@ -31,23 +32,26 @@ class TrueBody:
     """The true surface."""
     gravity_field: BodyField
     """Gravity of the true masses."""
-    spin: Vector3
-    """Angular velocity (3,) in rad/s."""
+    spin: SpinModel
+    """How K turns; it is that of the believed body if nothing differs."""
     axis_point: Vector3
-    """(3,) in m: the true centre of mass, through which the spin axis goes."""
+    """(3,) in m: the true centre of mass, which is at rest and through which the axis goes."""
 
     def apparent_gravity(self, positions: Vectors3) -> Vectors3:
-        """Acceleration (N, 3) in m/s^2 of a body released at rest in K at positions (N, 3) in m."""
-        arms = positions - self.axis_point
-        centrifugal = np.cross(self.spin, np.cross(self.spin, arms))
-        return self.gravity_field.evaluate(positions).acceleration - centrifugal
+        """Acceleration (N, 3) in m/s^2 of what is released at rest in K at the start of a flight.
+
+        `positions` are (N, 3) in m.
+        """
+        gravity = self.gravity_field.evaluate(positions).acceleration
+        return apparent_gravity(gravity, positions - self.axis_point, self.spin)
 
 
 def make_true_body(body: Body, truth: TruthConfig, shape: Polyhedron | None = None) -> TrueBody:
     """Makes the true body.
 
     The spin axis goes through the true centre of mass. A survey measures its direction as it turns
-    the body, so that the direction differs from K's z by `truth.pole_deg` alone.
+    the body, so that the direction at the start differs by `truth.pole_deg` alone. If the body
+    tumbles, it does so with the inertia of its true shape, unless the body's file gives one.
 
     Args:
       body: the body as believed; its shape is the map.
@@ -67,10 +71,19 @@ def make_true_body(body: Body, truth: TruthConfig, shape: Polyhedron | None = No
         field = GravityField(shape, mass=mass, contrast=truth.density_contrast)
         if shape is not body.shape or truth.density_contrast != 0.0:
             axis_point = field.centre_of_mass
-    spin = np.array([0.0, 0.0, truth.spin * body.spin_rate])
-    if any(truth.pole_deg):
-        spin = Rotation.from_rotvec([*np.radians(truth.pole_deg), 0.0]).apply(spin)
-    return TrueBody(shape, field, spin, axis_point)
+    return TrueBody(shape, field, _true_spin(body, truth, shape), axis_point)
+
+
+def _true_spin(body: Body, truth: TruthConfig, shape: Polyhedron) -> SpinModel:
+    """The true rotation of a body of a true shape."""
+    tumbles = truth.tumbles or isinstance(body.spin, TorqueFreeSpin)
+    turned = any(truth.pole_deg)
+    if truth.spin == 1.0 and not (turned or truth.tumbles or (tumbles and shape is not body.shape)):
+        return body.spin
+    rate = truth.spin * body.spin.rate
+    if turned:
+        rate = Rotation.from_rotvec([*np.radians(truth.pole_deg), 0.0]).apply(rate)
+    return TorqueFreeSpin(body.inertia_of(shape), rate) if tumbles else SteadySpin(rate)
 
 
 def true_shape(body: Body, truth: TruthConfig) -> Polyhedron:
@@ -135,30 +148,29 @@ def check_flyable(true_body: TrueBody, transit: Transit, scenario: Scenario) -> 
             )
 
 
-def turns_the_axes(truth: TruthConfig) -> bool:
+def turns_the_axes(truth: TruthConfig, body: Body, true_body: TrueBody) -> bool:
     """Tells whether the truth turns the spacecraft's axes S against K."""
     attitude = truth.attitude
     return bool(
         any(attitude.constant_deg)
         or attitude.varying_std_deg > 0.0
-        or any(truth.pole_deg)
-        or truth.spin != 1.0
+        or true_body.spin is not body.spin
         or truth.phase_deg != 0.0
     )
 
 
 def spin_axes(body: Body, true_body: TrueBody) -> tuple[np.ndarray, np.ndarray] | None:
-    """Gives the ends of the believed and of the true spin axis, for a drawing.
+    """Gives the ends of the believed and of the true spin axis at the start, for a drawing.
 
     Returns:
-      Two arrays (2, 3) in m in K: the ends of the believed axis, which is K's z, and those of the
-      true one. None if both are one line, or if the true body does not spin.
+      Two arrays (2, 3) in m in K: the ends of the believed axis, and those of the true one. None if
+      both are one line, or if the true body does not spin.
     """
-    rate = float(np.linalg.norm(true_body.spin))
-    same = not (true_body.spin[:2].any() or true_body.axis_point[:2].any())
+    believed, true = body.spin.rate, true_body.spin.rate
+    rate = float(np.linalg.norm(true))
+    same = not (np.cross(believed, true).any() or np.cross(true, true_body.axis_point).any())
     if same or rate == 0.0:
         return None
     half = 0.5 * _AXIS_LENGTH * float(body.shape.extents.max())
     along = np.array([[-half], [half]])
-    true = true_body.axis_point + along * true_body.spin / rate
-    return along * [0.0, 0.0, 1.0], true
+    return along * believed / np.linalg.norm(believed), true_body.axis_point + along * true / rate

@@ -20,9 +20,11 @@ from proxops.systems.common import (
     cross_matrix,
     inverse_matrix,
     kernel,
+    quaternion_inverse,
     quaternion_of,
     quaternion_product,
 )
+from proxops.systems.rotation import SpinModel, spin_model
 
 # Deviations below these would make the covariance singular: rad, and rad/s.
 _LEAST_NOISE, _LEAST_BIAS = 1e-7, 1e-9
@@ -184,15 +186,18 @@ class AttitudeFilter(LeafSystem):
     ```
 
     Without a measurement of the star tracker it goes on by the gyro alone. `body_attitude` is
-    Rot(z, w_b t)^T R_NS, with the believed spin w_b; `middle_attitude` is what it will be half a
+    R_NK^T R_NS, with the spin as believed; `middle_attitude` is what it will be half a
     period later, for what acts over the period. What it remembers is discrete state. Before
     the first measurement of all the attitude is that of K.
     """
 
-    def __init__(self, noise: AttitudeNoise, believed_spin: float, period: float):
-        """Takes the noise of the sensors, the believed spin in rad/s, and the period in s."""
+    def __init__(self, noise: AttitudeNoise, spin: float | SpinModel, period: float):
+        """Takes the noise of the sensors, the spin as believed, and the period in s.
+
+        A spin that is a number is in rad/s about z.
+        """
         super().__init__()
-        self.noise, self.believed_spin, self.period = noise, believed_spin, period
+        self.noise, self.spin, self.period = noise, spin_model(spin), period
         self._tracker_port = self.DeclareVectorInputPort("star_tracker", 4)
         self._gyro_port = self.DeclareVectorInputPort("gyro", 3)
         # Whether there is an estimate, the last rate, and the estimate.
@@ -233,7 +238,7 @@ class AttitudeFilter(LeafSystem):
 
     def _against_body(self, attitude: Quaternion, time: float) -> Quaternion:
         """R_KS as believed of R_NS at a time."""
-        return quaternion_product(quaternion_of((0.0, 0.0, -self.believed_spin * time)), attitude)
+        return quaternion_product(quaternion_inverse(self.spin.attitude(time)), attitude)
 
     def _calc_body_attitude(self, context, output):
         a, b, c, d = self.estimate(context).attitude.tolist()

@@ -21,6 +21,7 @@ from proxops.systems.common import (
     rotated,
     vector,
 )
+from proxops.systems.rotation import SpinModel, spin_model
 
 # A force in N below this has no direction worth a turn.
 _LEAST_FORCE = 0.1
@@ -78,7 +79,7 @@ class AttitudeGuidance(LeafSystem):
                                └──────────────────┘─► reference_rate (3), rad/s, S as wanted
     ```
 
-    K turns as believed, Rot(z, w_b t). `hold`: S keeps to K's axes; else the boresight goes the
+    K turns as believed. `hold`: S keeps to K's axes; else the boresight goes the
     shortest way to what it points at and follows it, with limits on rate and acceleration, and S
     does not turn about it more than it must. It begins with the attitude that it has. The position
     is as it is known; where it is not (NaN), or where the force is below 0.1 N, S stays as it is in
@@ -87,10 +88,13 @@ class AttitudeGuidance(LeafSystem):
     reference against K and its rate there are discrete state.
     """
 
-    def __init__(self, settings: AttitudeGuidanceConfig, believed_spin: float, period: float):
-        """Takes where to point, the believed spin about z in rad/s, and the period in s."""
+    def __init__(self, settings: AttitudeGuidanceConfig, spin: float | SpinModel, period: float):
+        """Takes where to point, the spin as believed, and the period in s.
+
+        A spin that is a number is in rad/s about z.
+        """
         super().__init__()
-        self.settings, self.believed_spin, self.period = settings, believed_spin, period
+        self.settings, self.spin, self.period = settings, spin_model(spin), period
         axis = np.array(settings.boresight)
         x, y, z = (axis / np.linalg.norm(axis)).tolist()
         self._boresight = x, y, z
@@ -115,14 +119,15 @@ class AttitudeGuidance(LeafSystem):
 
     def _calc_reference(self, context, output):
         a, b, c, d = self._wanted(context)[0].tolist()
-        body = quaternion_of((0.0, 0.0, self.believed_spin * context.get_time()))
+        body = self.spin.attitude(context.get_time())
         output.SetFromVector(quaternion_product(body, (a, b, c, d)))
 
     def _calc_rate(self, context, output):
         attitude, rate = self._wanted(context)
         a, b, c, d = attitude.tolist()
         x, y, z = rate.tolist()
-        whole = (x, y, z + self.believed_spin)
+        p, q, r = self.spin.angular_velocity(context.get_time()).tolist()
+        whole = (x + p, y + q, z + r)
         output.SetFromVector(rotated(quaternion_inverse((a, b, c, d)), whole))
 
     def _aim(self, context) -> tuple[Vector, Vector3]:

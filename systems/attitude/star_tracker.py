@@ -18,6 +18,7 @@ from proxops.systems.common import (
     rotated,
     vector,
 )
+from proxops.systems.rotation import SpinModel
 from proxops.systems.vehicle import gauss_markov_at, white_noise_at
 
 
@@ -40,23 +41,21 @@ class InertialAttitude(LeafSystem):
     attitude (4): R_KS ──► InertialAttitude ──► attitude (4): R_NS
     ```
 
-    K turns about a fixed axis a, R_NK = Rot(z, -phase) Rot(a, |w| t). Those who believe that K
-    turns as Rot(z, w_b t) are `phase` ahead, which belongs to truth alone.
+    R_NS = Rot(phase)^T R_NK R_KS. Those who believe a rotation are `phase` ahead of the true one,
+    about the axis that they believe; see `believed_axes`.
     """
 
-    def __init__(self, spin: Vector, phase: float = 0.0):
-        """Takes the body's angular velocity (3,) in rad/s in K, and the phase in rad."""
+    def __init__(self, spin: SpinModel, phase: Vector = (0.0, 0.0, 0.0)):
+        """Takes the true spin of the body, and the phase as a rotation vector (3,) in rad in N."""
         super().__init__()
-        self.spin, self._phase = tuple(map(float, spin)), quaternion_of((0.0, 0.0, -phase))
+        self.spin, self._phase = spin, quaternion_inverse(quaternion_of(phase))
         self._port = self.DeclareVectorInputPort("attitude", 4)
         self.DeclareVectorOutputPort(
             "attitude", 4, self._calc, {self._port.ticket(), self.time_ticket()}
         )
 
     def _calc(self, context, output):
-        time = context.get_time()
-        x, y, z = self.spin
-        body = quaternion_product(self._phase, quaternion_of((time * x, time * y, time * z)))
+        body = quaternion_product(self._phase, self.spin.attitude(context.get_time()))
         a, b, c, d = self._port.Eval(context).tolist()
         output.SetFromVector(quaternion_product(body, (a, b, c, d)))
 

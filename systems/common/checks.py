@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from proxops.systems.common.array_types import Vector3
+from proxops.systems.common.array_types import Matrix3, Vector3
 from proxops.systems.common.errors import InputError
 
 LARGEST = 1e15
@@ -90,3 +90,25 @@ def check_finite(owner: str, **values: float) -> None:
     for name, value in values.items():
         if not abs(value) < LARGEST:
             raise InputError(f"{owner} needs a finite {name}, got {value}")
+
+
+def check_inertia(owner: str, inertia) -> Matrix3:
+    """The inertia (3, 3) in kg m^2, about the centre of mass.
+
+    Raises:
+      InputError: it is not symmetric, or a moment is not positive or exceeds the sum of the others,
+        which no distribution of mass can have.
+    """
+    matrix = np.array(inertia, dtype=np.float64)
+    if matrix.shape != (3, 3) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=1e-12):
+        raise InputError(f"{owner} needs a symmetric inertia of 3 x 3 numbers, got {inertia}")
+    moments = np.linalg.eigvalsh(matrix)
+    if not moments[0] > 0.0:
+        raise InputError(f"{owner}: the inertia's moments must be positive, got {moments}")
+    if moments[2] > (1.0 + 1e-9) * (moments[0] + moments[1]):
+        a, b, c = moments
+        raise InputError(
+            f"{owner}: no body has the principal moments {a:.4g}, {b:.4g} and {c:.4g} kg m^2: the "
+            "greatest exceeds the sum of the others"
+        )
+    return matrix

@@ -58,7 +58,7 @@ def rotated(rotation: Quaternion, vector: Vector) -> Vector:
     return (a + w * p + (y * r - z * q), b + w * q + (z * p - x * r), c + w * r + (x * q - y * p))
 
 
-def rotation_matrix(quaternion: np.ndarray) -> Matrix3:
+def rotation_matrix(quaternion: Quaternion | np.ndarray) -> Matrix3:
     """The rotation matrix (3, 3) of a quaternion (w, x, y, z), which is scaled to length 1.
 
     The identity quaternion gives the identity to the last bit. R = (w² - v²) I + 2 v vᵀ + 2 w [v]×

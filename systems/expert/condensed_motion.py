@@ -17,6 +17,7 @@ import numpy as np
 
 from proxops.systems.common import State, States, Values, Vector3, Vectors3, kernel
 from proxops.systems.gravity import Field
+from proxops.systems.rotation import SpinModel
 
 # Terms of the exponential's series for one interval, after 1. With 16 intervals |A| dt is at most
 # about 0.5 at Kleopatra, and the next term 1e-8; with a few intervals it grows, and with it the
@@ -35,13 +36,23 @@ class Reference(NamedTuple):
     """(N,) of the intervals, in s."""
 
 
+class _Turning(NamedTuple):
+    """The body's angular velocity w and its derivative in the intervals, along the axes of K."""
+
+    rates: Vectors3
+    """(N, 3) in rad/s."""
+    accelerations: Vectors3
+    """(N, 3) in rad/s^2."""
+
+
 def condensed_motion(
     field: Field,
-    spin: float,
+    spin: SpinModel,
     start: State,
     reference: Reference,
     acceleration: float,
     disturbance: Vector3,
+    time: float,
 ) -> np.ndarray:
     """Coefficients (N, 6, 3 N + 2) of the states at the ends of N intervals in (u, stretch, 1).
 
@@ -50,17 +61,22 @@ def condensed_motion(
 
     Args:
       field: the assumed gravity.
-      spin: rad/s about z.
+      spin: of the body. It is taken as in the middle of each interval.
       start: (6,), the first state, in m and m/s, in K.
       reference: to linearise about.
       acceleration: by a control of 1 along an axis, in m/s^2.
       disturbance: (3,) in m/s^2, an acceleration that the field does not explain.
+      time: of the first state in s.
     """
-    states = reference.states
+    states, lengths = reference.states, reference.lengths
     middle = 0.5 * (states[1:, :3] + states[:-1, :3])
     gravity = field.evaluate(middle)
     constant = _constant(gravity.acceleration, gravity.gradient, middle, disturbance)
-    return _affine_states(gravity.gradient, constant, spin, acceleration, start, reference)
+    times = time + np.cumsum(lengths) - 0.5 * lengths
+    turning = _Turning(
+        np.array(spin.angular_velocity(times)), np.array(spin.angular_acceleration(times))
+    )
+    return _affine_states(gravity.gradient, constant, turning, acceleration, start, reference)
 
 
 @kernel(error_model="numpy")
@@ -88,7 +104,7 @@ def _add_product(left, right, share, out):
 
 
 @kernel(error_model="numpy")
-def _affine_states(gradient, constant, spin, acceleration, start, reference):
+def _affine_states(gradient, constant, turning, acceleration, start, reference):
     """The coefficients of `condensed_motion`, from G (N, 3, 3) and c (N, 3): eq. 10."""
     states, controls, lengths = reference
     n = lengths.size
@@ -101,15 +117,19 @@ def _affine_states(gradient, constant, spin, acceleration, start, reference):
     for i in range(3):
         rates[i, 3 + i] = 1.0
         rates[3 + i, 6 + i] = acceleration
-    rates[3, 4], rates[4, 3] = 2.0 * spin, -2.0 * spin
     for k in range(n):
         length, now = lengths[k], rows[k]
+        w, e = turning.rates[k], turning.accelerations[k]
         for i in range(3):
             for j in range(3):
                 rates[3 + i, j] = gradient[k, i, j]
             rates[3 + i, 9] = constant[k, i]
-        rates[3, 0] += spin**2
-        rates[4, 1] += spin**2
+        for i in range(3):  # -2 [w]x, and -[w]x [w]x - [w']x.
+            j, m = (i + 1) % 3, (i + 2) % 3
+            rates[3 + i, 3 + j], rates[3 + i, 3 + m] = 2.0 * w[m], -2.0 * w[j]
+            rates[3 + i, i] += w[j] ** 2 + w[m] ** 2
+            rates[3 + i, j] += e[m] - w[i] * w[j]
+            rates[3 + i, m] -= e[j] + w[i] * w[m]
         # The upper rows of exp(A) - 1 for A = ((rates), (0)) times the length, by Horner's rule:
         # A (1 + A / 2 (1 + A / 3 (1 + ...))), inside out.
         step = np.zeros((6, 10))

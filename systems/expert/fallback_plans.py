@@ -9,7 +9,8 @@ import numpy as np
 from proxops.systems.common import State
 from proxops.systems.expert.plan import Horizon, Plan, PlanStatus, empty_plan
 from proxops.systems.gravity import Field
-from proxops.systems.vehicle import FlightLimits
+from proxops.systems.rotation import SpinModel
+from proxops.systems.vehicle import FlightLimits, believed_acceleration
 
 
 def continued_plan(last: Plan, age: float, horizon: Horizon, least: float) -> Plan:
@@ -34,21 +35,22 @@ def continued_plan(last: Plan, age: float, horizon: Horizon, least: float) -> Pl
 def braking(
     state: State,
     field: Field,
-    spin: float,
+    spin: SpinModel,
     limits: FlightLimits,
     horizon: Horizon,
     period: float,
+    time: float,
 ) -> Plan:
     """A plan of hover thrust and of braking to rest in K within `period` s, as far as limits allow.
 
+    It begins at a time in s.
     If the state (6,) is not finite, the plan has no thrust.
     """
     intervals = horizon.intervals
     if not np.isfinite(state).all():
         return empty_plan(intervals)
     gravity = field.evaluate(state[None, :3]).acceleration[0]
-    apparent = gravity + [spin**2 * state[0], spin**2 * state[1], 0.0]
-    apparent += [2.0 * spin * state[4], -2.0 * spin * state[3], 0.0]
+    apparent = believed_acceleration(state, gravity, np.zeros(3), limits.mass, spin, time)
     force = -limits.mass * (apparent + state[3:] / period)
     force = np.clip(force, -limits.thrust, limits.thrust)
     return dataclasses.replace(

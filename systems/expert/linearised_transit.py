@@ -42,6 +42,7 @@ from proxops.systems.expert.initial_guess import initial_paths
 from proxops.systems.expert.path_limits import PathLimits, slack_of_limits
 from proxops.systems.expert.plan import Horizon, Plan, PlanStatus, empty_plan
 from proxops.systems.gravity import Field
+from proxops.systems.rotation import SpinModel
 from proxops.systems.vehicle import FlightLimits
 
 # Prices of one scaled unit of slack, against an effort of 0 to 3. They are meant to be above every
@@ -90,7 +91,7 @@ class LinearisedTransit:
     def __init__(
         self,
         field: Field,
-        spin: float,
+        spin: SpinModel,
         limits: FlightLimits,
         horizon: Horizon,
         free_time: bool,
@@ -101,7 +102,7 @@ class LinearisedTransit:
 
         Args:
           field: the assumed gravity.
-          spin: the assumed spin in rad/s about z.
+          spin: of the body, as assumed.
           limits: of the spacecraft and its path.
           horizon: how a plan is divided into intervals.
           free_time: whether `stretch` is a variable.
@@ -209,6 +210,7 @@ class LinearisedTransit:
         controls: np.ndarray,
         duration: float,
         disturbance: Vector3,
+        time: float,
     ) -> None:
         """Linearises the motion and its limits about a plan.
 
@@ -217,6 +219,7 @@ class LinearisedTransit:
           states, controls: (N + 1, 6) and (N, 3) of the plan to linearise about.
           duration: its length in s.
           disturbance: (3,) in m/s^2, an acceleration that the field does not explain.
+          time: of the first state in s.
         """
         rows = condensed_motion(
             self.field,
@@ -225,6 +228,7 @@ class LinearisedTransit:
             Reference(states, controls, duration * self.shares),
             self.limits.thrust / self.limits.mass,
             disturbance,
+            time,
         )
         rows /= self.units[:, None]
         self._start, self._affine = start, rows

@@ -213,15 +213,17 @@ class ModelPredictiveController(LeafSystem):
         disturbance = np.zeros(3) if last is None else last.disturbance
         if np.isfinite(state).all() and np.isfinite(target).all():
             state = self._predict(context, state)
-            disturbance = self._estimate(last, age, state)
+            start = context.get_time() + self.delay
+            disturbance = self._estimate(last, age, state, start)
             if self.delay > 0.0:
                 state = state + moved_by(disturbance, self.delay)
             longest = self._longest(context)
-            plan, reason = self._solve(state, target, last, age, disturbance, longest)
+            task = (disturbance, longest, start)
+            plan, reason = self._solve(state, target, last, age, task)
         else:
             plan, reason = None, PlanReason.INPUT_NOT_FINITE
         if plan is None:
-            plan = self._fallback(state, last, age)
+            plan = self._fallback(context, state, last, age)
         solve_time = time.perf_counter() - started
         output.set_value(
             dataclasses.replace(plan, solve_time=solve_time, reason=reason, disturbance=disturbance)
@@ -235,7 +237,8 @@ class ModelPredictiveController(LeafSystem):
         output.SetFromVector([plan.solve_time, plan.status, plan.reason])
 
     def _calc_planned_force(self, context, output):
-        plan = self._fallback(self._state_port.Eval(context), *self._recall(context))
+        state = self._state_port.Eval(context)
+        plan = self._fallback(context, state, *self._recall(context))
         output.SetFromVector(self._first_force(plan))
 
     def _remember_plan(self, context, discrete_state):
@@ -264,17 +267,18 @@ class ModelPredictiveController(LeafSystem):
         if self._command is None:
             return state
         program, force = self.program, context.get_discrete_state(self._command).value()
-        return predicted_state(
-            state, force, self.delay, program.field, program.limits.mass, program.spin
-        )
+        mass, time = program.limits.mass, context.get_time()
+        return predicted_state(state, force, self.delay, program.field, mass, program.spin, time)
 
-    def _estimate(self, last: Plan | None, age: float, state: np.ndarray) -> np.ndarray:
+    def _estimate(
+        self, last: Plan | None, age: float, state: np.ndarray, time: float
+    ) -> np.ndarray:
         """The acceleration (3,) in m/s^2 besides gravity and the force commanded `age` s ago.
 
         Args:
           last: the last plan, which begins with that force.
           age: in s.
-          state: (6,), predicted without an unexplained acceleration.
+          state: (6,), predicted without an unexplained acceleration. time: its time in s.
         """
         if last is None:
             return np.zeros(3)
@@ -285,8 +289,9 @@ class ModelPredictiveController(LeafSystem):
         # Both states must be predictions over the delay without an unexplained acceleration.
         before = last.states[0] - moved_by(known, self.delay)
         force = self._first_force(last)
+        mass, begun = program.limits.mass, time - age
         found = unexplained_acceleration(
-            before, state, force, age, program.field, program.limits.mass, program.spin
+            before, state, force, age, program.field, mass, program.spin, begun
         )
         return known + self.estimator_gain * (found - known)
 
@@ -301,10 +306,12 @@ class ModelPredictiveController(LeafSystem):
         target: np.ndarray,
         last: Plan | None,
         age: float,
-        disturbance: np.ndarray,
-        longest: float,
+        task: tuple[np.ndarray, float, float],
     ) -> tuple[Plan | None, PlanReason]:
-        """A new plan, or None if the solver fails, and the reason."""
+        """A new plan, or None if the solver fails, and the reason.
+
+        `task` are the last three arguments of `PlanProgram.solve`.
+        """
         solve, iterations = self.program.solve, self.cold_iterations
         if last is None:
             reason = PlanReason.SOLVED_ANEW_NO_PLAN
@@ -316,15 +323,15 @@ class ModelPredictiveController(LeafSystem):
             reason, iterations = PlanReason.SOLVED_ABOUT_LAST_PLAN, 1
         try:
             if last is not None and reason == PlanReason.SOLVED_ANEW_PLAN_TOO_OLD:
-                plan = self._solve_about_old_plan(state, target, last, age, disturbance, longest)
+                plan = self._solve_about_old_plan(state, target, last, age, task)
                 return plan, reason
-            return solve(state, target, last, age, iterations, disturbance, longest), reason
+            return solve(state, target, last, age, iterations, *task), reason
         except SolverFailure as failure:
             result = failure.result
         if last is not None:
             # The last plan may be the cause of the failure: try again without it.
             try:
-                plan = solve(state, target, None, 0.0, self.cold_iterations, disturbance, longest)
+                plan = solve(state, target, None, 0.0, self.cold_iterations, *task)
                 return plan, PlanReason.SOLVED_ANEW_AFTER_FAILURE
             except SolverFailure as failure:
                 result = failure.result
@@ -336,25 +343,25 @@ class ModelPredictiveController(LeafSystem):
         target: np.ndarray,
         last: Plan,
         age: float,
-        disturbance: np.ndarray,
-        longest: float,
+        task: tuple[np.ndarray, float, float],
     ) -> Plan:
         """A plan about the last one, shifted by its age; without it if that does not settle."""
         iterations = self.cold_iterations
         plan, due = last, last.forces_at(np.array([age]))[0]
         for count in range(1, min(_MOST_FOR_OLD_PLAN, iterations) + 1):
-            plan = self.program.solve(state, target, plan, age, 1, disturbance, longest)
+            plan = self.program.solve(state, target, plan, age, 1, *task)
             change = np.abs(plan.forces[0] - due).max()
             if change < _SETTLED * self.program.limits.thrust:
                 return dataclasses.replace(plan, iterations=count)
             due, age = plan.forces[0], 0.0
-        return self.program.solve(state, target, None, 0.0, iterations, disturbance, longest)
+        return self.program.solve(state, target, None, 0.0, iterations, *task)
 
-    def _fallback(self, state: np.ndarray, last: Plan | None, age: float) -> Plan:
+    def _fallback(self, context, state: np.ndarray, last: Plan | None, age: float) -> Plan:
         """The rest of the last plan, or braking if there is none."""
         program = self.program
         if last is not None:
             return continued_plan(last, age, program.horizon, self.period)
+        time = context.get_time() + self.delay
         return braking(
-            state, program.field, program.spin, program.limits, program.horizon, self.period
+            state, program.field, program.spin, program.limits, program.horizon, self.period, time
         )

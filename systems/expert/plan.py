@@ -20,6 +20,7 @@ from proxops.systems.common import (
     kernel,
 )
 from proxops.systems.gravity import Field
+from proxops.systems.rotation import SpinModel
 from proxops.systems.vehicle import FlightLimits
 
 _MOST_INTERVALS = 1000
@@ -220,7 +221,7 @@ class PlanProgram(Protocol):
     """The interface of the programs that the MPC can solve."""
 
     field: Field
-    spin: float
+    spin: SpinModel
     limits: FlightLimits
     horizon: Horizon
 
@@ -233,6 +234,7 @@ class PlanProgram(Protocol):
         iterations: int = 1,
         disturbance: np.ndarray | None = None,
         longest: float = np.inf,
+        time: float = 0.0,
     ) -> Plan:
         """Solves for a plan: see `TransitProgram.solve`."""
         ...

@@ -34,6 +34,7 @@ from proxops.systems.common import SolverFailure, State, Vector3, kernel
 from proxops.systems.expert.linearised_transit import KEEP_OUT_PRICE, LinearisedTransit
 from proxops.systems.expert.plan import Horizon, Plan
 from proxops.systems.gravity import Field
+from proxops.systems.rotation import SpinModel, spin_model
 from proxops.systems.vehicle import FlightLimits
 
 # T changes by at most this share in one linearisation.
@@ -55,13 +56,20 @@ class _Task(NamedTuple):
     target: np.ndarray
     disturbance: np.ndarray
     longest: float
+    time: float
 
 
 class TransitProgram:
     """The convex program of one linearisation, built once and updated at every call."""
 
-    def __init__(self, field: Field, spin: float, limits: FlightLimits, horizon: Horizon):
-        """Takes the assumed field and spin (rad/s about z), the limits and the horizon."""
+    def __init__(
+        self, field: Field, spin: float | SpinModel, limits: FlightLimits, horizon: Horizon
+    ):
+        """Takes the assumed field and spin, the limits and the horizon.
+
+        A spin that is a number is in rad/s about z.
+        """
+        spin = spin_model(spin)
         self.transit = LinearisedTransit(
             field, spin, limits, horizon, free_time=True, one_norm=True, meets_target=True
         )
@@ -88,6 +96,7 @@ class TransitProgram:
         iterations: int = 1,
         disturbance: Vector3 | None = None,
         longest: float = np.inf,
+        time: float = 0.0,
     ) -> Plan:
         """The plan from `state` (6,) to `target` (6,).
 
@@ -100,13 +109,16 @@ class TransitProgram:
           disturbance: (3,) in m/s^2, an acceleration that the field does not explain; None: none.
           longest: length in s that a plan should not exceed. A longer one is shortened by up to a
             tenth in each iteration.
+          time: of `state` in s.
 
         Raises:
           SolverFailure: the state or the target is not finite, or the solver fails.
         """
         if not (np.isfinite(state).all() and np.isfinite(target).all()):
             raise SolverFailure(SolutionResult.kInvalidInput)  # Drake would end the process.
-        task = _Task(state, target, np.zeros(3) if disturbance is None else disturbance, longest)
+        task = _Task(
+            state, target, np.zeros(3) if disturbance is None else disturbance, longest, time
+        )
         last, done = previous, 0
         if last is None:
             done = min(iterations, _TRIED)
@@ -150,7 +162,7 @@ class TransitProgram:
         duration = max(last.times[-1] - age, least)
         states, controls = self.transit.remaining_plan(last, age, duration)
         transit = self.transit
-        transit.linearise(task.state, states, controls, duration, task.disturbance)
+        transit.linearise(task.state, states, controls, duration, task.disturbance, task.time)
         transit.aim(task.target)
         self._fuel.evaluator().UpdateCoefficients(self.fuel_weight(duration) * self._fuel_shares)
         price = np.array([self.time_price + self._mean_effort(controls, duration)])

@@ -25,6 +25,7 @@ from proxops.systems.common import FAR, LONG, SolverFailure, check_positive, con
 from proxops.systems.expert.linearised_transit import LinearisedTransit, TransitSolution
 from proxops.systems.expert.plan import Horizon, Plan
 from proxops.systems.gravity import Field
+from proxops.systems.rotation import SpinModel, spin_model
 from proxops.systems.vehicle import FlightLimits
 
 
@@ -53,17 +54,19 @@ class WeightedProgram:
     def __init__(
         self,
         field: Field,
-        spin: float,
+        spin: float | SpinModel,
         limits: FlightLimits,
         horizon: Horizon,
         weights: ErrorWeights,
     ):
-        """Takes the assumed field and spin (rad/s about z), limits, horizon and weights.
+        """Takes the assumed field and spin, limits, horizon and weights.
 
+        A spin that is a number is in rad/s about z.
         Every plan is `horizon.minimum` long. Of the horizon's other values only `intervals` and
         `interval_growth` are used.
         """
         check_positive("ErrorWeights", position=weights.position, speed=weights.speed)
+        spin = spin_model(spin)
         self.transit = LinearisedTransit(field, spin, limits, horizon, free_time=False)
         self.field, self.spin, self.limits, self.horizon = field, spin, limits, horizon
         units = self.transit.units
@@ -84,6 +87,7 @@ class WeightedProgram:
         iterations: int = 1,
         disturbance: np.ndarray | None = None,
         longest: float = np.inf,
+        time: float = 0.0,
     ) -> Plan:
         """Solves for a plan: see `TransitProgram.solve`.
 
@@ -97,7 +101,7 @@ class WeightedProgram:
         disturbance = np.zeros(3) if disturbance is None else disturbance
         for iteration in range(1, iterations + 1):
             states, controls = self.transit.remaining_plan(last, age, duration)
-            self.transit.linearise(state, states, controls, duration, disturbance)
+            self.transit.linearise(state, states, controls, duration, disturbance, time)
             self._weigh_errors(target)
             found = self.transit.solve()
             cost = duration * self._mean_cost(found, target)

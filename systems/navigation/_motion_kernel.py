@@ -14,6 +14,7 @@ import numpy as np
 
 from proxops.systems.common import cross_matrix, kernel
 from proxops.systems.navigation import estimate as layout
+from proxops.systems.rotation import SpinErrors
 
 # Where each quantity begins in an estimate.
 _V, _A = layout.VELOCITY.start, layout.ATTITUDE.start
@@ -40,12 +41,14 @@ class LocalGravity(NamedTuple):
     """(3, 3) in 1/s^2."""
 
 
-class Interval(NamedTuple):
-    """A time over which the force and the derivative of gravity are constant."""
+class Turning(NamedTuple):
+    """How the body turns as believed in the middle of a step, and what errors of that do."""
 
-    start: float
-    length: float
-    """In s."""
+    rate: np.ndarray
+    """w (3,) in rad/s in K."""
+    acceleration: np.ndarray
+    """Its derivative (3,) in rad/s^2 in K."""
+    errors: SpinErrors
 
 
 class ProcessNoise(NamedTuple):
@@ -75,6 +78,8 @@ class _Middle(NamedTuple):
     """As believed, in m/s^2."""
     turn: np.ndarray
     """[w]x of the angular velocity, in rad/s."""
+    errors: SpinErrors
+    """Of w and its derivative, by the estimated error."""
     tide: np.ndarray
     """Derivative of the acceleration by position, in 1/s^2."""
     v: np.ndarray
@@ -156,24 +161,27 @@ def turned(rotation, vector):
 @_compiled
 def _derivative(middle):
     """How the acceleration depends on the attitude and on the constants (3, BASE): eq. 6."""
-    rotation, axes, thrust, given, commanded, gravity, turn, tide, v, offset = middle
+    rotation, axes, thrust, given, commanded, gravity, turn, errors, tide, v, offset = middle
     by = np.zeros((3, _BASE))
     turned_thrust, moved, inner = (
         cross_matrix(thrust),
         cross_matrix(v),
         cross_matrix(_along(turn, offset)),
     )
-    turned_offset, directed = (
-        _times(turn, cross_matrix(offset)),
-        _times(rotation, cross_matrix(given)),
-    )
+    arm = cross_matrix(offset)
+    turned_offset, directed = _times(turn, arm), _times(rotation, cross_matrix(given))
+    by_rate = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            by_rate[i, j] = 2.0 * moved[i, j] + inner[i, j] + turned_offset[i, j]
+    spun, swung = _times(by_rate, errors.rate), _times(arm, errors.acceleration)
     for i in range(3):
         by[i, _CONSTANT + i] = by[i, _VARYING + i] = 1.0
         by[i, _GRAVITY] = gravity[i]
         for j in range(3):
             by[i, _A + j] = -turned_thrust[i, j]
             by[i, _THRUST + j] = axes[i, j] * commanded[j]
-            by[i, _SPIN + j] = 2.0 * moved[i, j] + inner[i, j] + turned_offset[i, j]
+            by[i, _SPIN + j] = spun[i, j] + swung[i, j]
             by[i, _CENTRE + j] = -tide[i, j]
             by[i, _DIRECTION + j] = -directed[i, j]
     return by
@@ -249,25 +257,30 @@ def _transition(tide, turn, step):
 
 
 @_compiled
-def predict(estimate, gravity, force, interval, noise, spin, mass):
+def predict(estimate, gravity, force, step, noise, turning, mass):
     """The estimate at the end of a step: eq. 3 to 8 of docs/method/equations.md.
 
     Args:
       estimate: an `Estimate`.
       gravity: `LocalGravity` at r + r' step/2 - c, or its mean over the step.
       force: (3,) in N along the axes of S, held over the step.
-      interval: the step, an `Interval`. noise: its `ProcessNoise`.
-      spin: as believed, rad/s about z. mass: kg.
+      step: in s; the derivative of gravity is constant over it. noise: its `ProcessNoise`.
+      turning: in its middle, a `Turning`. mass: kg.
 
     Returns:
       Mean, rotation and covariance.
     """
     mean, rotation, covariance, spent = estimate
-    time, step = interval
-    w = mean[_SPIN : _SPIN + 3].copy()
-    w[2] += spin
+    errors, off = turning.errors, mean[_SPIN : _SPIN + 3]
+    w, e = _along(errors.rate, off), _along(errors.acceleration, off)
+    for i in range(3):
+        w[i] += turning.rate[i]
+        e[i] += turning.acceleration[i]
     turn = cross_matrix(w)
-    around = _times(turn, turn)
+    around, swing = _times(turn, turn), cross_matrix(e)
+    for i in range(3):
+        for j in range(3):
+            around[i, j] += swing[i, j]
     factor = 1.0 + mean[_GRAVITY]
     v = mean[_V : _V + 3]
     tide, offset, commanded, given = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
@@ -298,19 +311,14 @@ def predict(estimate, gravity, force, interval, noise, spin, mass):
         out[3 + i] += by_start[3 + i] + by_rate[3 + i]
         out[_VARYING + i] *= noise.decay
 
-    # The believed pole stays where it is in inertial space, so in K it goes round with the spin.
-    angle = spin * (time + 0.5 * step)
-    back = np.zeros((3, 3))
-    back[0, 0], back[0, 1] = math.cos(angle), math.sin(angle)
-    back[1, 0], back[1, 1] = -math.sin(angle), math.cos(angle)
-    back[2, 2] = 1.0
-    drift = _along(back, mean[_SPIN : _SPIN + 3])
+    # S follows K as believed, and K turns otherwise.
+    drift = _along(errors.turn, off)
     for i in range(3):
         drift[i] *= -step
     out_rotation = turned(rotation, drift)
 
     by = _derivative(
-        _Middle(rotation, axes, thrust, given, commanded, believed, turn, tide, v, offset)
+        _Middle(rotation, axes, thrust, given, commanded, believed, turn, errors, tide, v, offset)
     )
     by_size = _by_size(gravity, offset, factor, mean[_SIZE])
     for i in range(3):
@@ -325,6 +333,6 @@ def predict(estimate, gravity, force, interval, noise, spin, mass):
             f[i, j] += by_constants[i, j]
     for i in range(3):
         for j in range(3):
-            f[_A + i, _SPIN + j] = -step * back[i, j]
+            f[_A + i, _SPIN + j] = -step * errors.turn[i, j]
         f[_A + i, _A + i] = 1.0
     return out, out_rotation, _moved_covariance(covariance, f, noise)

@@ -71,12 +71,12 @@ def first_estimate(
 
 
 def first_sigmas(
-    expected: ExpectedErrors, spin: float, modes: int, position: float, velocity: float
+    expected: ExpectedErrors, spin: Vector3, modes: int, position: float, velocity: float
 ) -> np.ndarray:
     """Standard deviations (BASE + M,) before the first frame is used.
 
     Args:
-      expected: one standard deviation of everything. spin: believed spin rate in rad/s.
+      expected: one standard deviation of everything. spin: (3,) as believed at time 0, in rad/s.
       modes: M, number of coefficients of the map's error, each of variance 1.
       position: in m: large, because nothing is known of it. velocity: in m/s, about 0.
     """
@@ -85,21 +85,22 @@ def first_sigmas(
     return sigma
 
 
-def sigmas(expected: ExpectedErrors, spin: float) -> Values:
+def sigmas(expected: ExpectedErrors, spin: Vector3) -> Values:
     """Standard deviations (BASE,) of an estimate; 0 for position and velocity.
 
     Args:
-      expected: one standard deviation of everything. spin: believed spin rate in rad/s.
+      expected: one standard deviation of everything. spin: (3,) as believed at time 0, in rad/s.
     """
     sigma = np.zeros(BASE)
     attitude, varying = map(math.radians, (expected.attitude_deg, expected.attitude_varying_deg))
-    pole = math.radians(expected.pole_deg)
+    pole, rate = math.radians(expected.pole_deg), float(np.linalg.norm(spin))
+    along = np.square(spin / rate) if rate else np.array([0.0, 0.0, 1.0])
     for where, value in (
         (ATTITUDE, np.hypot(attitude, varying)),
         (CONSTANT_ACCELERATION, expected.acceleration_m_s2),
         (VARYING_ACCELERATION, expected.acceleration_varying_m_s2),
         (GRAVITY, expected.gravity),
-        (SPIN, spin * np.array([pole, pole, expected.spin])),
+        (SPIN, rate * np.sqrt(pole**2 * (1.0 - along) + expected.spin**2 * along)),
         (CENTRE_OF_MASS, expected.centre_of_mass_m),
         (THRUST, expected.thrust),
         (THRUST_DIRECTION, math.radians(expected.thrust_direction_deg)),

@@ -31,6 +31,7 @@ from proxops.systems.navigation.mended_map import MendedMap, mended_map
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.navigator import Memory, Navigator, Step
 from proxops.systems.navigation.step_records import NavigationPhase, ReturnUse
+from proxops.systems.rotation import SpinModel
 from proxops.systems.shapes import Polyhedron
 
 # Before the coefficients of the memory's vector: phase, contradictions, whether there is an
@@ -98,7 +99,7 @@ class LidarNavigation(LeafSystem):
         self,
         shape: Polyhedron,
         field: BodyField,
-        spin: float,
+        spin: float | SpinModel,
         mass: float,
         noise_std: float,
         geometry: LidarGeometry = DEFAULT_GEOMETRY,
@@ -111,7 +112,7 @@ class LidarNavigation(LeafSystem):
 
         Args:
           shape: the map. field: gravity in the map's frame K.
-          spin: rad/s about z. mass: of the spacecraft in kg.
+          spin: of the body; a number is in rad/s about z. mass: of the spacecraft in kg.
           noise_std: of a range in m; above 0.
           geometry: planes, rays and greatest range of the lidar.
           expected: one standard deviation of everything; None: `ExpectedErrors()`.
@@ -120,7 +121,7 @@ class LidarNavigation(LeafSystem):
         """
         super().__init__()
         check_positive("LidarNavigation", mass=mass, period=period, noise_std=noise_std)
-        _check(spin, frame_delay)
+        _check(frame_delay)
         self.expected = expected or ExpectedErrors()
         check_limits(self.expected, "LidarNavigation: expected")
         self.period, self.frame_delay = period, int(frame_delay)
@@ -134,7 +135,6 @@ class LidarNavigation(LeafSystem):
             self.model,
             Motion(field, shape.extents, spin, mass, self.expected),
             self.expected,
-            spin=spin,
             orbit=low_orbit,
             period=period,
             frame_delay=self.frame_delay,
@@ -279,9 +279,7 @@ def _return_use(step: Step, rays: int) -> np.ndarray:
     return use
 
 
-def _check(spin: float, frame_delay: float) -> None:
+def _check(frame_delay: float) -> None:
     check_not_negative("LidarNavigation", frame_delay=frame_delay)
     if frame_delay != int(frame_delay):
         raise InputError(f"LidarNavigation needs a whole frame_delay, got {frame_delay}")
-    if not math.isfinite(spin):
-        raise InputError(f"LidarNavigation needs a finite spin, got {spin}")

@@ -8,9 +8,10 @@ import numpy as np
 
 from proxops.systems.common import Vector3, Vectors3
 from proxops.systems.gravity import Field
-from proxops.systems.navigation._motion_kernel import Interval, LocalGravity, ProcessNoise, predict
+from proxops.systems.navigation._motion_kernel import LocalGravity, ProcessNoise, Turning, predict
 from proxops.systems.navigation.estimate import CENTRE_OF_MASS, POSITION, SIZE, VELOCITY, Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
+from proxops.systems.rotation import SpinModel, spin_model
 
 # In one step of the prediction, the body turns by at most this angle (rad), and the spacecraft
 # moves by at most this share of the body's radius.
@@ -25,16 +26,22 @@ class Motion:
     """The believed equations of motion, and how uncertain they make an estimate."""
 
     def __init__(
-        self, field: Field, extents: np.ndarray, spin: float, mass: float, expected: ExpectedErrors
+        self,
+        field: Field,
+        extents: np.ndarray,
+        spin: float | SpinModel,
+        mass: float,
+        expected: ExpectedErrors,
     ):
         """Takes what is believed.
 
         Args:
           field: gravity in K. extents: (3,) of the body along its axes, in m.
-          spin: rad/s about z. mass: of the spacecraft in kg.
+          spin: of the body; a number is in rad/s about z. mass: of the spacecraft in kg.
           expected: one standard deviation of everything.
         """
-        self._field, self._spin, self._mass = field, spin, mass
+        self.spin = spin_model(spin)
+        self._field, self._mass = field, mass
         # Over this length gravity changes.
         self._radius, self._half_length = 0.5 * float(extents.min()), 0.5 * float(extents.max())
         self._expected = expected
@@ -52,7 +59,7 @@ class Motion:
         `thrust` is the sum of the forces of all thrusters in N, which use up propellant.
         """
         speed = math.hypot(*estimate.mean[VELOCITY].tolist())
-        turn = abs(self._spin) * duration
+        turn = float(np.linalg.norm(self.spin.rate)) * duration
         steps = math.ceil(max(1.0, turn / _TURN, speed * duration / (_SHARE * self._radius)))
         steps = min(steps, _MOST_STEPS)
         step = duration / steps
@@ -67,13 +74,19 @@ class Motion:
                 estimate,
                 local,
                 force,
-                Interval(time + k * step, step),
+                step,
                 self._noise(step, steps, self._uneven(middle, local.acceleration) + pushed**2),
-                self._spin,
+                self._turning(time + (k + 0.5) * step, step),
                 self._mass,
             )
             estimate = Estimate(*moved, estimate.spent + spent)
         return estimate
+
+    def _turning(self, middle: float, step: float) -> Turning:
+        """How the body turns in a step of a length about a time in s."""
+        spin = self.spin
+        rate, acceleration = spin.angular_velocity(middle), spin.angular_acceleration(middle)
+        return Turning(np.array(rate), np.array(acceleration), spin.errors(middle, step))
 
     def _gravity(self, points: Vectors3, scale: float) -> LocalGravity:
         """The mean at two points of a body of the believed mass, all lengths times `scale`."""

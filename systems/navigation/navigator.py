@@ -123,22 +123,21 @@ class Navigator:
         model: FrameModel,
         motion: Motion,
         expected: ExpectedErrors,
-        spin: float,
         orbit: float,
         period: float,
         frame_delay: int,
     ):
-        """Takes the models, the spin, the speed of a low orbit, and the timing.
+        """Takes the models, the speed of a low orbit, and the timing.
 
         Args:
           model: predicts frames. motion: predicts motion.
           expected: one standard deviation of everything.
-          spin: believed spin rate in rad/s. orbit: a typical speed near the body in m/s.
+          orbit: a typical speed near the body in m/s.
           period: time in s from frame to frame. frame_delay: age of a frame in periods.
         """
         self.model, self.motion = model, motion
         self._attitude_std = math.radians(expected.attitude_deg)
-        size = float(model.shape.extents.max())
+        size, spin = float(model.shape.extents.max()), motion.spin.rate
         self._first_sigma = first_sigmas(
             expected, spin, model.map_error.modes, _REACH * size, _SPEED * orbit
         )

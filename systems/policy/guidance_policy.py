@@ -15,6 +15,7 @@ from proxops.systems.common import InputError, LoggedPort, check_positive, confi
 from proxops.systems.policy.guidance_bundle import GuidanceBundle
 from proxops.systems.policy.neural_policy import NeuralPolicy, PolicyStatus
 from proxops.systems.policy.surroundings import NUMBERS, Surroundings
+from proxops.systems.rotation import TorqueFreeSpin
 
 # The law's time and its least time together are 1.9 times what the flight still takes (median along
 # flights at three bodies). A smaller number leaves a reserve.
@@ -111,10 +112,11 @@ class GuidancePolicy(LeafSystem):
         self._state_port = self.DeclareVectorInputPort("state", 6)
         self._target_port = self.DeclareVectorInputPort("target", 6)
         # What depends on the goal alone is computed once for each goal.
+        turns_otherwise = isinstance(surroundings.spin, TorqueFreeSpin)
         self._goal = self.DeclareCacheEntry(
             "goal",
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_goal),
-            {self._target_port.ticket()},
+            {self._target_port.ticket()} | ({self.time_ticket()} if turns_otherwise else set()),
         )
         self._answer = self.DeclareCacheEntry(
             "answer",
@@ -166,7 +168,7 @@ class GuidancePolicy(LeafSystem):
 
     def _calc_goal(self, context, value):
         goals = self._target_port.Eval(context)[None, :3]
-        value.set_value((goals, self.surroundings.at_rest(goals)))
+        value.set_value((goals, self.surroundings.at_rest(goals, context.get_time())))
 
     def _calc_answer(self, context, value):
         state = self._state_port.Eval(context)
@@ -175,7 +177,7 @@ class GuidancePolicy(LeafSystem):
         if all(map(math.isfinite, state)):
             goals, at_rest = self._goal.Eval(context)
             given = at_rest.copy()
-            self.surroundings.fill_way(state[None], goals, given)
+            self.surroundings.fill_way(state[None], goals, given, context.get_time())
             answer = self.bundle.network.run(given[0], self._longest(context)).tolist()
             if all(map(math.isfinite, answer)):
                 force = self.surroundings.in_body_frame(*map(self._force, answer))

@@ -12,6 +12,7 @@ import numpy as np
 
 from proxops.systems.common import States, Vector3, Vectors3, check_positive, kernel
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, Field
+from proxops.systems.rotation import SpinModel, spin_model
 
 # The unit of length is this share of the longest semi-axis, so that positions are about 1.
 _LENGTH_SHARE = 0.7
@@ -44,8 +45,8 @@ class Surroundings:
     """Gravity in K."""
     mass: float
     """Of the body, in kg."""
-    spin: float
-    """About z, in rad/s."""
+    spin: float | SpinModel
+    """Of the body; a number is in rad/s about z."""
     semi_axes: Vector3
     """(3,) in m, of the ellipsoid to stay out of, with all margins."""
     acceleration: float
@@ -74,6 +75,10 @@ class Surroundings:
         )
 
     @cached_property
+    def _spin(self) -> SpinModel:
+        return spin_model(self.spin)
+
+    @cached_property
     def length(self) -> float:
         """The unit of length L in m."""
         return _LENGTH_SHARE * float(np.max(self.semi_axes))
@@ -92,14 +97,15 @@ class Surroundings:
         """All that is constant in a flight, by name: proportions of body and spacecraft.
 
         `semi_axis_x`, `semi_axis_y`, `semi_axis_z` over L; `gravity`, G M / (L^2 a); `spin`, the
-        rate times sqrt(L / a); `speed_limit` over sqrt(L a); `period` over sqrt(L / a); `pace`, the
-        nominal acceleration over a.
+        rate at time 0 times sqrt(L / a); `speed_limit` over sqrt(L a); `period` over sqrt(L / a);
+        `pace`, the nominal acceleration over a.
         """
         length, time = self.length, self.time
         x, y, z = (float(axis) / length for axis in self.semi_axes)
         x, y = (y, x) if self.turned else (x, y)
         gravity = GRAVITATIONAL_CONSTANT * self.mass / (length**2 * self.acceleration)
-        turn, speed = abs(self.spin) * time, self.speed_limit / self.speed
+        turn = float(np.linalg.norm(self._spin.rate)) * time
+        speed = self.speed_limit / self.speed
         pace = self.nominal_acceleration / self.acceleration
         values = (x, y, z, gravity, turn, speed, self.period / time, pace)
         return dict(zip(NUMBERS, values, strict=True))
@@ -126,19 +132,23 @@ class Surroundings:
         self.fill_way(states, goals, given)
         return given
 
-    def at_rest(self, goals: Vectors3) -> np.ndarray:
-        """Gives `inputs` (N, 23) at rest at goals (N, 3)."""
+    def at_rest(self, goals: Vectors3, time: float = 0.0) -> np.ndarray:
+        """Gives `inputs` (N, 23) at rest at goals (N, 3), at a time in s."""
         given = np.empty((len(goals), INPUTS), dtype=np.float32)
-        self.fill_way(np.concatenate([goals, np.zeros_like(goals)], axis=1), goals, given)
+        self.fill_way(np.concatenate([goals, np.zeros_like(goals)], axis=1), goals, given, time)
         given[:, 12:15] = given[:, 9:12]
         given[:, 15:] = self.told()
         return given
 
-    def fill_way(self, states: np.ndarray, goals: np.ndarray, given: np.ndarray) -> None:
-        """Fills the twelve columns of `inputs` that change along the way; its arguments."""
+    def fill_way(
+        self, states: np.ndarray, goals: np.ndarray, given: np.ndarray, time: float = 0.0
+    ) -> None:
+        """Fills the twelve columns of `inputs` that change along the way, at a time in s."""
         gravity = self.field.evaluate(states[:, :3]).acceleration
         units = _Units(self.length, self.speed, self.acceleration)
-        _fill_way(states, goals, gravity, self.spin, units, self.turned, given)
+        rate, change = self._spin.angular_velocity(time), self._spin.angular_acceleration(time)
+        turning = (*rate.tolist(), *change.tolist())
+        _fill_way(states, goals, gravity, turning, units, self.turned, given)
 
     def in_body_frame(self, x: float, y: float, z: float) -> Vector3:
         """Gives a vector of the network as (3,) in K."""
@@ -146,18 +156,28 @@ class Surroundings:
 
 
 @kernel(error_model="numpy")
-def _fill_way(states, goals, gravity, spin, units, turned, given):
-    """Fills twelve columns: state and goal, and acceleration without thrust, in their units."""
+def _fill_way(states, goals, gravity, turning, units, turned, given):
+    """Fills twelve columns: state and goal, and acceleration without thrust, in their units.
+
+    `turning` are w and its derivative, six numbers in rad/s and rad/s^2.
+    """
     length, speed, acceleration = units
+    a, b, c, d, e, f = turning
     for k in range(len(states)):
-        x, y, _, v_x, v_y, _ = states[k]
+        x, y, z, v_x, v_y, v_z = states[k]
         for axis in range(3):
             given[k, axis] = states[k, axis] / length
             given[k, 3 + axis] = states[k, 3 + axis] / speed
             given[k, 6 + axis] = goals[k, axis] / length
-        given[k, 9] = (gravity[k, 0] + (spin**2 * x + 2.0 * spin * v_y)) / acceleration
-        given[k, 10] = (gravity[k, 1] + (spin**2 * y - 2.0 * spin * v_x)) / acceleration
-        given[k, 11] = gravity[k, 2] / acceleration
+        # Less w x (w x r), 2 w x v and w' x r.
+        turn = a * x + b * y + c * z
+        square = a**2 + b**2 + c**2
+        along_x = (square * x - a * turn) + 2.0 * (c * v_y - b * v_z) - (e * z - f * y)
+        along_y = (square * y - b * turn) + 2.0 * (a * v_z - c * v_x) - (f * x - d * z)
+        along_z = (square * z - c * turn) + 2.0 * (b * v_x - a * v_y) - (d * y - e * x)
+        given[k, 9] = (gravity[k, 0] + along_x) / acceleration
+        given[k, 10] = (gravity[k, 1] + along_y) / acceleration
+        given[k, 11] = (gravity[k, 2] + along_z) / acceleration
         if turned:
             for first in range(0, 12, 3):
                 along_x, along_y = given[k, first], given[k, first + 1]

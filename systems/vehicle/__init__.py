@@ -25,6 +25,7 @@ from proxops.systems.vehicle.attitude_error import (
     AttitudeError,
     TrueAttitudeConfig,
     believed_axes,
+    phase_vector,
 )
 from proxops.systems.vehicle.command_axes import CommandAxes
 from proxops.systems.vehicle.delayed_hold import DelayedHold
@@ -56,7 +57,6 @@ from proxops.systems.vehicle.rigid_spacecraft import (
     RigidBodyStart,
     RigidSpacecraft,
     RigidSpacecraft_,
-    check_inertia,
 )
 from proxops.systems.vehicle.spacecraft import (
     PointMassConfig,
@@ -66,6 +66,7 @@ from proxops.systems.vehicle.spacecraft import (
 )
 from proxops.systems.vehicle.state_noise import StateNoise
 from proxops.systems.vehicle.state_prediction import (
+    believed_acceleration,
     moved_by,
     predicted_state,
     runge_kutta_step,
@@ -110,11 +111,12 @@ __all__ = [
     "TrueThrustersConfig",
     "UnexplainedAcceleration",
     "VelocityKicks",
+    "believed_acceleration",
     "believed_axes",
-    "check_inertia",
     "gauss_markov_at",
     "hermite_curve",
     "moved_by",
+    "phase_vector",
     "predicted_state",
     "rotating_frame_acceleration",
     "runge_kutta_step",

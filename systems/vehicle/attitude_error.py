@@ -12,44 +12,57 @@ from proxops.systems.common import (
     Vector,
     check_finite,
     config,
-    finite_vector,
     number,
     quaternion_inverse,
     quaternion_of,
     quaternion_product,
     vector,
+    vector_of,
 )
+from proxops.systems.rotation import SpinModel, spin_model
 from proxops.systems.vehicle.gauss_markov import SlowVector
 
 
 def believed_axes(
-    time: float, *, believed_spin: float, true_spin: Vector, phase: float = 0.0
+    time: float,
+    *,
+    believed_spin: float | Vector | SpinModel,
+    true_spin: float | Vector | SpinModel,
+    phase: float = 0.0,
 ) -> Quaternion:
     """The rotation from the axes that the spacecraft takes for K's to K, if attitude is perfect.
 
-    The inertial frame N has the axes of K at time 0. Truly, K turns about a fixed axis a,
-    R_NK = Rot(a, |w| t). The spacecraft believes Rot(z, w_b t + phase), and turns its own axes S so
-    that they have this attitude. So
+    The inertial frame N has the axes of K at time 0. The spacecraft believes another rotation than
+    the true R_NK, and is ahead by a phase about the axis that it believes. It turns its own axes S
+    so that they have the attitude that it believes of K. So
 
-        R_KS = Rot(a, |w| t)^T Rot(z, w_b t + phase)
+        R_KS = R_NK^T Rot(phase) R_NK,believed
 
     Args:
       time: s.
-      believed_spin: w_b in rad/s about z.
-      true_spin: (3,) in rad/s: w = |w| a, constant in K and in N.
+      believed_spin, true_spin: of the body; see `spin_model`.
       phase: rad: what the believed rotation phase is ahead by.
 
     Returns:
       A unit quaternion (w, x, y, z). It is the identity to the last bit where belief and truth are
-      equal.
+      one steady spin about z.
     """
-    x, y, z = true_spin
-    if x == 0.0 and y == 0.0:
-        return quaternion_of((0.0, 0.0, (believed_spin - z) * time + phase))
-    true = quaternion_of((time * x, time * y, time * z))
-    return quaternion_product(
-        quaternion_inverse(true), quaternion_of((0.0, 0.0, believed_spin * time + phase))
-    )
+    believed, true = spin_model(believed_spin), spin_model(true_spin)
+    if believed.about_z and true.about_z:
+        ahead = float(believed.rate[2]) - float(true.rate[2])
+        return quaternion_of((0.0, 0.0, ahead * time + phase))
+    if believed.about_z:
+        seen = quaternion_of((0.0, 0.0, float(believed.rate[2]) * time + phase))
+    else:
+        ahead = quaternion_of(phase_vector(believed, phase))
+        seen = quaternion_product(ahead, believed.attitude(time))
+    return quaternion_product(quaternion_inverse(true.attitude(time)), seen)
+
+
+def phase_vector(spin: SpinModel, phase: float) -> Vector:
+    """A phase in rad as a rotation vector about the axis at time 0, which is z without a spin."""
+    rate = float(np.linalg.norm(spin.rate))
+    return vector_of(phase / rate * spin.rate if rate else (0.0, 0.0, phase))
 
 
 @config
@@ -88,8 +101,8 @@ class AttitudeError(SlowVector):
         constant: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
         varying_std: float = 0.0,
         correlation_time: float = 3600.0,
-        believed_spin: float,
-        true_spin: Sequence[float] | np.ndarray,
+        believed_spin: float | Vector | SpinModel,
+        true_spin: float | Vector | SpinModel,
         phase: float = 0.0,
         period: float = 10.0,
         seed: int = 0,
@@ -100,17 +113,16 @@ class AttitudeError(SlowVector):
           constant: (3,) rotation vector in rad in S.
           varying_std: standard deviation per axis in rad of the rotation vector that varies.
           correlation_time: s, of the part that varies.
-          believed_spin: rad/s about z.
-          true_spin: (3,) in rad/s in K.
+          believed_spin, true_spin: of the body; see `spin_model`.
           phase: rad: what the believed rotation phase is ahead by.
           period: control period in s.
           seed: the seed of a new Context.
         """
         super().__init__(constant, varying_std, correlation_time, period, seed)
         owner = "AttitudeError"
-        check_finite(owner, believed_spin=believed_spin, phase=phase)
-        self.believed_spin, self.phase = believed_spin, phase
-        self.true_spin = finite_vector(owner, "true_spin", true_spin)
+        check_finite(owner, phase=phase)
+        self.believed_spin, self.phase = spin_model(believed_spin), phase
+        self.true_spin = spin_model(true_spin)
         self.DeclareVectorOutputPort("attitude", 4, self._calc_attitude, self.seed_tickets())
 
     def _calc_attitude(self, context, output):

@@ -12,11 +12,11 @@ from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from proxops.systems.common import (
-    InputError,
     Matrix3,
     State,
     Vector3,
     Vectors3,
+    check_inertia,
     check_positive,
     finite_vector,
     kernel,
@@ -24,7 +24,7 @@ from proxops.systems.common import (
 from proxops.systems.vehicle.spacecraft import mass_left
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
-_NO_MOTORS = np.zeros(0)
+_NO_MOTORS, _STEADY = np.zeros(0), np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,10 @@ class RigidBodyStart:
 
 
 class _Constants(NamedTuple):
-    """What stays as it is: the body's motion and the spacecraft's mass properties."""
+    """What stays as it is: the body's centre of mass and the spacecraft's mass properties."""
 
-    spin: np.ndarray
-    """w_K (3,) in rad/s in K."""
     axis_point: np.ndarray
-    """c (3,) in m in K: a point of the spin axis."""
+    """c (3,) in m in K: a point of the spin axis, which is at rest in N."""
     bus: np.ndarray
     """J (3, 3) in kg m^2: the inertia without the wheels' own about their axes."""
     bus_inverse: np.ndarray
@@ -57,7 +55,7 @@ class _Constants(NamedTuple):
 
 
 @kernel(error_model="numpy")
-def rigid_rates(state, force, torque, motors, gravity, gradient, constants):
+def rigid_rates(state, force, torque, motors, gravity, gradient, spin, spin_rate, constants):
     """The time derivative of the state of a `RigidSpacecraft`, but for the mass.
 
     With w = w_NS in S, w_K the body's angular velocity, h the momentum of the wheels in S,
@@ -65,7 +63,7 @@ def rigid_rates(state, force, torque, motors, gravity, gradient, constants):
 
         q'  = 1/2 q (0, w - R^T w_K)
         J w' = torque + t_g - w x L - h'
-        r'' = g(r) - 2 w_K x r' - w_K x (w_K x (r - c)) + R F / m
+        r'' = g(r) - 2 w_K x r' - w_K x (w_K x (r - c)) - w_K' x (r - c) + R F / m
 
     t_g is the torque of the gravity gradient G on the whole inertia I: with A = R^T G R I its
     components are A_yz - A_zy and so on (Hughes, equation 8.1.9, for any field).
@@ -77,12 +75,13 @@ def rigid_rates(state, force, torque, motors, gravity, gradient, constants):
         wheels' momenta (N m s), the mass (kg).
       force, torque: (3,) of the thrusters, in N and N m in S. motors: (n,) in N m, of the wheels.
       gravity: (3,) in m/s^2 in K. gradient: (9,) in 1/s^2, row by row.
+      spin, spin_rate: (3,) w_K in rad/s and its derivative in rad/s^2, in K.
       constants: `_Constants`.
 
     Returns:
       14 + n numbers, in the order of `state`; the last is 0.
     """
-    spin, axis_point, bus, inverse, inertia, wheel_axes = constants
+    axis_point, bus, inverse, inertia, wheel_axes = constants
     wheels = len(wheel_axes)
     qw, qx, qy, qz = state[0], state[1], state[2], state[3]
     x, y, z = state[4] - axis_point[0], state[5] - axis_point[1], state[6] - axis_point[2]
@@ -165,15 +164,16 @@ def rigid_rates(state, force, torque, motors, gravity, gradient, constants):
         inverse[1, 0] * nx + inverse[1, 1] * ny + inverse[1, 2] * nz,
         inverse[2, 0] * nx + inverse[2, 1] * ny + inverse[2, 2] * nz,
     )
-    # Motion in K: w x (2 v + w x (r - c)).
+    # Motion in K: w x (2 v + w x (r - c)) + w' x (r - c).
+    d, e, f = spin_rate[0], spin_rate[1], spin_rate[2]
     px = 2.0 * vx + (b * z - c * y)
     py = 2.0 * vy + (c * x - a * z)
     pz = 2.0 * vz + (a * y - b * x)
     fx, fy, fz = force[0] / mass, force[1] / mass, force[2] / mass
     dv = (
-        gravity[0] - (b * pz - c * py) + (r00 * fx + r01 * fy + r02 * fz),
-        gravity[1] - (c * px - a * pz) + (r10 * fx + r11 * fy + r12 * fz),
-        gravity[2] - (a * py - b * px) + (r20 * fx + r21 * fy + r22 * fz),
+        gravity[0] - (b * pz - c * py) - (e * z - f * y) + (r00 * fx + r01 * fy + r02 * fz),
+        gravity[1] - (c * px - a * pz) - (f * x - d * z) + (r10 * fx + r11 * fy + r12 * fz),
+        gravity[2] - (a * py - b * px) - (d * y - e * x) + (r20 * fx + r21 * fy + r22 * fz),
     )
     out = np.empty_like(state)
     out[0], out[1], out[2], out[3] = dq
@@ -184,28 +184,6 @@ def rigid_rates(state, force, torque, motors, gravity, gradient, constants):
         out[13 + k] = motors[k]
     out[13 + wheels] = 0.0 * mass
     return out
-
-
-def check_inertia(owner: str, inertia) -> Matrix3:
-    """The inertia (3, 3) in kg m^2, about the centre of mass.
-
-    Raises:
-      InputError: it is not symmetric, or a moment is not positive or exceeds the sum of the others,
-        which no distribution of mass can have.
-    """
-    matrix = np.array(inertia, dtype=np.float64)
-    if matrix.shape != (3, 3) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=1e-12):
-        raise InputError(f"{owner} needs a symmetric inertia of 3 x 3 numbers, got {inertia}")
-    moments = np.linalg.eigvalsh(matrix)
-    if not moments[0] > 0.0:
-        raise InputError(f"{owner}: the inertia's moments must be positive, got {moments}")
-    if moments[2] > (1.0 + 1e-9) * (moments[0] + moments[1]):
-        a, b, c = moments
-        raise InputError(
-            f"{owner}: no body has the principal moments {a:.4g}, {b:.4g} and {c:.4g} kg m^2: the "
-            "greatest exceeds the sum of the others"
-        )
-    return matrix
 
 
 # Without the scope Drake searches the stack for this module, which slows each import.
@@ -223,7 +201,8 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
         gravity_gradient (9), 1/s^2 ─►│ RigidSpacecraft │─► attitude (4): R_KS, w, x, y, z
         mass_flow (1), kg/s ─────────►│                 │─► angular_velocity (3), rad/s: w_NS, S
         wheel_torque (n), N m ───────►│                 │─► wheel_momentum (n), N m s
-                                      └─────────────────┘─► mass (1), kg
+        spin (3), rad/s, K ──────────►│                 │─► mass (1), kg
+        spin_rate (3), rad/s^2, K ───►└─────────────────┘
         ```
 
         The motion is that of `rigid_rates`. S has its origin in the centre of mass. Force and
@@ -231,7 +210,7 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
         axis; the bus gets the opposite. A wheel's momentum is Js (w·a + Omega), with its axis a, so
         that its derivative is the motor's torque. The propellant lies at the centre of mass: the
         mass falls by the flow, centre of mass and inertia stay. The ports of wheels are missing if
-        there are none.
+        there are none, those of the spin if it is constant.
 
         The state is continuous: attitude, position, angular velocity, velocity, then momenta and
         mass. The attitude is not projected back to length 1, only where it is put out: RK3 in steps
@@ -240,7 +219,8 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
         Args:
           mass: kg at the start.
           inertia: (3, 3) in kg m^2 of all of it about its centre of mass, in S.
-          spin: (3,) in rad/s: the body's angular velocity, constant in K.
+          spin: (3,) in rad/s: the body's angular velocity, constant in K; None: it has the ports
+            `spin` and `spin_rate` for it, as of a `BodyRotation`.
           start: the state at the start; None: at rest at the origin, aligned with K.
           axis_point: (3,) in m in K: a point of the spin axis.
           wheel_axes: (n, 3) unit vectors in S.
@@ -251,7 +231,7 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             self,
             mass: float,
             inertia: Matrix3,
-            spin: Vector3,
+            spin: Vector3 | None,
             start: RigidBodyStart | None = None,
             axis_point: Vector3 | tuple[float, ...] = (0.0, 0.0, 0.0),
             wheel_axes: Vectors3 | None = None,
@@ -263,13 +243,14 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             check_positive("RigidSpacecraft", mass=mass)
             self.mass, self.wheel_inertia = float(mass), float(wheel_inertia)
             self.inertia = check_inertia("RigidSpacecraft", inertia)
-            self.spin = np.array(finite_vector("RigidSpacecraft", "spin", spin))
+            self.spin = spin
+            if spin is not None:
+                self.spin = np.array(finite_vector("RigidSpacecraft", "spin", spin))
             self.axis_point = np.array(finite_vector("RigidSpacecraft", "axis_point", axis_point))
             self.start = start or RigidBodyStart(np.zeros(6))
             self.wheel_axes = np.zeros((0, 3)) if wheel_axes is None else np.array(wheel_axes)
             bus = self.inertia - wheel_inertia * self.wheel_axes.T @ self.wheel_axes
             self._constants = _Constants(
-                self.spin,
                 self.axis_point,
                 check_inertia("RigidSpacecraft's bus", bus),
                 np.linalg.inv(bus),
@@ -284,6 +265,9 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             self._push_ports = [declare("force", 3), declare("torque", 3)]
             self._pull_ports = [declare("gravity", 3), declare("gravity_gradient", 9)]
             self._flow_port = declare("mass_flow", 1)
+            self._spin_ports = []
+            if self.spin is None:
+                self._spin_ports = [declare("spin", 3), declare("spin_rate", 3)]
             start, end = self.start, 13 + wheels
             w = np.array(start.angular_velocity)
             momenta = self.wheel_inertia * self.wheel_axes @ w
@@ -332,7 +316,10 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             function = rigid_rates if T is float else rigid_rates.py_func
             given = [port.Eval(context) for port in self._push_ports]
             pull = [port.Eval(context) for port in self._pull_ports]
-            rates = function(state, *given, motors, *pull, self._constants)
+            spin = (self.spin, _STEADY)
+            if self._spin_ports:
+                spin = [port.Eval(context) for port in self._spin_ports]
+            rates = function(state, *given, motors, *pull, *spin, self._constants)
             rates[-1] = -self._flow_port.Eval(context)[0]
             derivatives.get_mutable_vector().SetFromVector(rates)
 

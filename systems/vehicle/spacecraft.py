@@ -1,4 +1,4 @@
-"""`Spacecraft`: a thrusting point mass in the frame of a uniformly spinning body."""
+"""`Spacecraft`: a thrusting point mass in the frame of a spinning body."""
 
 from __future__ import annotations
 
@@ -61,21 +61,27 @@ def rotating_frame_acceleration(position, velocity, gravity, force, mass: float,
     )
 
 
-def spinning_frame_acceleration(position, velocity, gravity, force, mass, turn, axis_point):
-    """The acceleration in K: r'' = g(r) - 2 w x r' - w x (w x (r - c)) + F / m, for any axis.
+def spinning_frame_acceleration(
+    position, velocity, gravity, force, mass, turn, axis_point, turn_rate=None
+):
+    """The acceleration in K: r'' = g(r) - 2 w x r' - w x (w x d) - w' x d + F / m, with d = r - c.
 
     It is that of `rotating_frame_acceleration` if the axis is z.
 
     Args:
       position, velocity, gravity, force: (3,) in K, in m, m/s, m/s^2 and N.
       mass: kg.
-      turn: `cross_matrix` of w, (3, 3) in rad/s, constant in K.
+      turn: `cross_matrix` of w, (3, 3) in rad/s.
       axis_point: c (3,) in m: a point of the spin axis.
+      turn_rate: `cross_matrix` of w', in rad/s^2; None: 0.
 
     Returns:
       (3,) in m/s^2, in K, for any scalar type.
     """
-    return gravity - turn @ (2.0 * velocity + turn @ (position - axis_point)) + force / mass
+    arm = position - axis_point
+    if turn_rate is not None:
+        gravity = gravity - turn_rate @ arm
+    return gravity - turn @ (2.0 * velocity + turn @ arm) + force / mass
 
 
 def _set_constants(craft, mass: float, spin, axis_point) -> None:
@@ -84,9 +90,13 @@ def _set_constants(craft, mass: float, spin, axis_point) -> None:
     craft.mass = float(mass)
     craft.axis_point = finite_vector("Spacecraft", "axis_point", axis_point)
     craft.centre = np.array(craft.axis_point)
+    craft.about_z = False
+    if spin is None:
+        craft.spin = craft.turn = None
+        return
     if np.ndim(spin) > 0:
         craft.spin = finite_vector("Spacecraft", "spin", spin)
-        craft.about_z, craft.turn = False, cross_matrix(craft.spin)
+        craft.turn = cross_matrix(craft.spin)
         return
     check_type("Spacecraft", float, spin=spin)
     if not abs(spin) < LARGEST:
@@ -124,15 +134,27 @@ def _declare_state(craft, basic_vector) -> None:
         craft.DeclareVectorOutputPort(name, part.stop - part.start, calc, {craft.xc_ticket()})
 
 
-def _acceleration(craft, state, gravity, force):
-    """The acceleration (3,) of a `Spacecraft` in m/s^2, in K, for any scalar type."""
+def _acceleration(craft, state, gravity, force, turning):
+    """The acceleration (3,) of a `Spacecraft` in m/s^2, in K, for any scalar type.
+
+    `turning` are the values of the ports of the spin, if it has them.
+    """
     position, velocity = state[:3], state[3:6]
     mass = mass_left(craft.mass, state[6]) if craft.burns_propellant else craft.mass
     if craft.about_z:
         return rotating_frame_acceleration(position, velocity, gravity, force, mass, craft.spin)
+    turn, turn_rate = craft.turn, None
+    if turning:
+        turn, turn_rate = (_cross(*vector) for vector in turning)
     return spinning_frame_acceleration(
-        position, velocity, gravity, force, mass, craft.turn, craft.centre
+        position, velocity, gravity, force, mass, turn, craft.centre, turn_rate
     )
+
+
+def _cross(x, y, z):
+    """`cross_matrix` for any scalar type."""
+    none = 0.0 * x
+    return np.array([[none, -z, y], [z, none, -x], [-y, x, none]])
 
 
 def mass_left(first: float, mass):
@@ -160,7 +182,11 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
         gravity ────────►│ Spacecraft ├─► velocity (3), m/s: v_KS, as seen in K
           (3), m/s^2     │            │
         mass_flow ──────►│            ├─► mass (1), kg
-          (1), kg/s      └────────────┘   (both only if it burns propellant)
+          (1), kg/s      │            │   (both only if it burns propellant)
+        spin ───────────►│            │
+          (3), rad/s, K  │            │   (both only if `spin` is None)
+        spin_rate ──────►│            │
+          (3), rad/s^2   └────────────┘
         ```
 
         The motion is that of `rotating_frame_acceleration` if the spin is a number and the axis
@@ -170,7 +196,8 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
 
         Args:
           mass: kg; the mass at the start if it burns propellant.
-          spin: of the body, rad/s in K: a number about z, or a vector (3,).
+          spin: of the body, rad/s in K: a number about z, or a vector (3,); None: it is told by
+            ports, as of a `BodyRotation`.
           initial_state: (6,) in m and m/s in K; None: at rest at the origin.
           axis_point: (3,) in m in K: a point of the spin axis.
           burns_propellant: whether the mass is a state, with the ports `mass_flow` and `mass`.
@@ -179,7 +206,7 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
         def _construct(
             self,
             mass: float,
-            spin: float | Sequence[float] | np.ndarray,
+            spin: float | Sequence[float] | np.ndarray | None,
             initial_state=None,
             *,
             axis_point: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
@@ -194,6 +221,8 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             self._gravity_port = self.DeclareVectorInputPort("gravity", 3)
             if burns_propellant:
                 self._flow_port = self.DeclareVectorInputPort("mass_flow", 1)
+            names = ("spin", "spin_rate") if spin is None else ()
+            self._spin_ports = [self.DeclareVectorInputPort(name, 3) for name in names]
             _declare_state(self, BasicVector_[T])
 
         def _construct_copy(self, other, converter=None):
@@ -213,7 +242,8 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             rates = state.copy()
             if T is float and self.about_z:  # Python's numbers are faster than numpy's.
                 state, force, gravity = state.tolist(), force.tolist(), gravity.tolist()
-            rates[:3], rates[3:6] = state[3:6], _acceleration(self, state, gravity, force)
+            turning = [port.Eval(context) for port in self._spin_ports]
+            rates[:3], rates[3:6] = state[3:6], _acceleration(self, state, gravity, force, turning)
             if self.burns_propellant:
                 rates[6:] = -self._flow_port.Eval(context)
             derivatives.get_mutable_vector().SetFromVector(rates)

@@ -7,28 +7,61 @@ from collections.abc import Callable
 
 import numpy as np
 
-from proxops.systems.common import State, Vector3
+from proxops.systems.common import State, Vector3, cross_matrix
 from proxops.systems.gravity import Field
-from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration
+from proxops.systems.rotation import SpinModel, spin_model
+from proxops.systems.vehicle.spacecraft import (
+    rotating_frame_acceleration,
+    spinning_frame_acceleration,
+)
 
 # Longest step of the prediction (s). Gravity changes over some 100 s, so the error of the classical
 # Runge-Kutta method is a few micrometres.
 _LONGEST_STEP = 5.0
+_ORIGIN = np.zeros(3)
+
+
+def believed_acceleration(
+    state: State, gravity: Vector3, force: Vector3, mass: float, spin: SpinModel, time: float
+) -> Vector3:
+    """The acceleration (3,) in m/s^2 in K at a time in s, about a centre of mass at the origin.
+
+    Args:
+      state: (6,) in K, in m and m/s. gravity: (3,) in m/s^2. force: (3,) in N in K. mass: kg.
+      spin: of the body.
+    """
+    position, velocity = state[:3], state[3:]
+    if spin.about_z:
+        rate = float(spin.rate[2])
+        return rotating_frame_acceleration(position, velocity, gravity, force, mass, rate)
+    turn = cross_matrix(spin.angular_velocity(time))
+    turn_rate = cross_matrix(spin.angular_acceleration(time))
+    return spinning_frame_acceleration(
+        position, velocity, gravity, force, mass, turn, _ORIGIN, turn_rate
+    )
 
 
 def predicted_state(
-    state: State, force: Vector3, duration: float, field: Field, mass: float, spin: float
+    state: State,
+    force: Vector3,
+    duration: float,
+    field: Field,
+    mass: float,
+    spin: float | SpinModel,
+    time: float = 0.0,
 ) -> State:
     """The state (6,) after `duration` s under gravity and a constant force, by Runge-Kutta.
 
     Args:
       state: (6,) in K, in m and m/s. force: (3,) in N in K.
-      field: the assumed gravity. mass: kg. spin: rad/s about z.
+      field: the assumed gravity. mass: kg. spin: of the body; a number is in rad/s about z.
+      time: of the state in s. The spin is taken as in the middle of the prediction.
     """
+    spin, middle = spin_model(spin), time + 0.5 * duration
 
     def rate(at: np.ndarray) -> np.ndarray:
         gravity = field.evaluate(at[None, :3]).acceleration[0]
-        acceleration = rotating_frame_acceleration(at[:3], at[3:], gravity, force, mass, spin)
+        acceleration = believed_acceleration(at, gravity, force, mass, spin, middle)
         return np.concatenate([at[3:], acceleration])
 
     steps = math.ceil(duration / _LONGEST_STEP)
@@ -64,23 +97,24 @@ def unexplained_acceleration(
     duration: float,
     field: Field,
     mass: float,
-    spin: float,
+    spin: float | SpinModel,
+    time: float = 0.0,
 ) -> Vector3:
     """The mean acceleration (3,), in m/s^2, that gravity and a constant force do not explain.
 
     Args:
       before, after: states (6,) in K, `duration` s apart.
-      force, field, mass, spin: as in `predicted_state`.
+      force, field, mass, spin: as in `predicted_state`. time: of `before` in s.
     """
     change = after[3:] - before[3:]
     # The position halfway on the cubic through both states.
     middle = 0.5 * (before[:3] + after[:3]) - 0.125 * duration * change
-    expected = rotating_frame_acceleration(
-        middle,
-        0.5 * (before[3:] + after[3:]),
+    expected = believed_acceleration(
+        np.concatenate([middle, 0.5 * (before[3:] + after[3:])]),
         field.evaluate(middle[None]).acceleration[0],
         force,
         mass,
-        spin,
+        spin_model(spin),
+        time + 0.5 * duration,
     )
     return change / duration - expected

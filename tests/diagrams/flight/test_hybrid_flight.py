@@ -91,9 +91,9 @@ def test_policy_that_is_the_expert(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []
     solve = program.solve
 
-    def counted(state, target, previous, age, iterations, push, longest):
+    def counted(state, target, previous, age, iterations, *task):
         calls.append(iterations)
-        return solve(state, target, previous, age, iterations, push, longest)
+        return solve(state, target, previous, age, iterations, *task)
 
     monkeypatch.setattr(program, "solve", counted)
     data = fly(scenario, hybrid).dataset

@@ -151,7 +151,7 @@ def test_plot_shows_truth_and_map(log: FlightLog, ax: Axes) -> None:
     believed, true = (np.array(line.get_xydata()) for line in ax.lines[-2:])
     assert not believed[:, 0].any()
     slope = np.diff(true[:, 0]) / np.diff(true[:, 1])
-    np.testing.assert_allclose(slope, log.true_body.spin[0] / log.true_body.spin[2])
+    np.testing.assert_allclose(slope, log.true_body.spin.rate[0] / log.true_body.spin.rate[2])
 
 
 def test_true_attitude_mass_and_thrust(log: FlightLog) -> None:

@@ -112,7 +112,7 @@ def test_pole_and_spin_are_covered(tmp_path: Path) -> None:
     text = "truth.pole_deg: {uniform: [-0.5, 0.5]}\ntruth.spin: {uniform: [0.99, 1.01]}\n"
     bounds = bounds_of(f"assurance={{bounds: {write(tmp_path, text)}}}", TRUE_STATE)
     body, random = kleopatra(), np.random.default_rng(2)
-    true = make_true_body(body, TruthConfig(pole_deg=[0.5, -0.5], spin=1.01)).spin
+    true = make_true_body(body, TruthConfig(pole_deg=[0.5, -0.5], spin=1.01)).spin.rate
     places = random.normal(size=(2000, 3))
     places *= 280e3 / np.linalg.norm(places, axis=1, keepdims=True)
     speeds = random.choice([-40.0, 40.0], (2000, 3))

@@ -23,6 +23,7 @@ from proxops.systems.attitude.attitude_filter import (
     propagated,
     settled_noise,
 )
+from proxops.systems.rotation import SteadySpin
 
 TRACKER, GYRO = StarTrackerConfig(noise_deg=0.01), GyroConfig(noise_rad_s=1e-5, bias_rad_s=3e-5)
 NOISE = AttitudeNoise.of(TRACKER, GYRO)
@@ -61,7 +62,9 @@ def test_a_spacecraft_that_holds_to_its_star_tracker_is_turned_as_a_point_mass_i
     )  # fmt: skip
     for time in (0.0, 500.0, 4000.0):
         attitude = evaluated(error, time)
-        inertial = evaluated(InertialAttitude(spin, phase), time, attitude=attitude)
+        inertial = evaluated(
+            InertialAttitude(SteadySpin(spin), (0.0, 0.0, phase)), time, attitude=attitude
+        )
         measured = evaluated(tracker, time, attitude=inertial)
         wanted = Rotation.from_rotvec([0.0, 0.0, believed * time])
         assert (wanted.inv() * rotation(measured)).magnitude() < 1e-12

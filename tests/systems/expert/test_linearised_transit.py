@@ -15,19 +15,25 @@ from proxops.diagrams.flight.transit_diagram import make_mpc
 from proxops.diagrams.scenario import Scenario, load_body
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import Gravity, Plan, TransitProgram
-from proxops.systems.common.errors import SolverFailure
+from proxops.systems.common import SolverFailure, cross_matrix
 from proxops.systems.expert import linearised_transit
 from proxops.systems.expert.condensed_motion import Reference, condensed_motion
+from proxops.systems.rotation import SteadySpin, TorqueFreeSpin
 from proxops.systems.shapes.ellipsoid import clearances
 
-SPIN = 3.0e-4
+# A long-axis mode, like that of Toutatis.
+TUMBLING = TorqueFreeSpin(np.diag([1.0, 3.09, 3.22]), np.array([2e-4, 1e-4, 1.5e-4]))
 
 
 # Condensed motion
 
 
-def test_motion_is_the_product_of_matrix_exponentials():
-    """By scipy's expm, in a field that is linear: there it is exact."""
+@pytest.mark.parametrize("spin", [SteadySpin((0.0, 0.0, 3e-4)), TUMBLING])
+def test_motion_is_the_product_of_matrix_exponentials(spin):
+    """By scipy's expm, in a field that is linear: there it is exact.
+
+    The spin is that of the middle of each interval.
+    """
     random = np.random.default_rng(5)
     gradient, constant = 1e-6 * random.normal(size=(3, 3)), 1e-2 * random.normal(size=3)
 
@@ -40,22 +46,26 @@ def test_motion_is_the_product_of_matrix_exponentials():
     push = 1e-3 * random.normal(size=3)
     lengths, force = np.array([50.0, 120.0, 300.0]), 0.07
     start, controls = random.normal(size=6) * np.repeat([1e5, 10.0], 3), random.normal(size=(3, 3))
-    matrix = np.zeros((10, 10))
-    matrix[:3, 3:6] = np.eye(3)
-    matrix[3:6, :3] = gradient + np.diag([SPIN**2, SPIN**2, 0.0])
-    matrix[3, 4], matrix[4, 3] = 2.0 * SPIN, -2.0 * SPIN
-    matrix[3:6, 6:9], matrix[3:6, 9] = force * np.eye(3), constant + push
+    begun = 2000.0
+    matrices = np.zeros((3, 10, 10))
+    for matrix, time in zip(matrices, begun + np.array([25.0, 110.0, 320.0]), strict=True):
+        turn = cross_matrix(spin.angular_velocity(time))
+        matrix[:3, 3:6] = np.eye(3)
+        matrix[3:6, :3] = gradient - turn @ turn - cross_matrix(spin.angular_acceleration(time))
+        matrix[3:6, 3:6] = -2.0 * turn
+        matrix[3:6, 6:9], matrix[3:6, 9] = force * np.eye(3), constant + push
 
     def flown(stretch: float) -> np.ndarray:
         states = [start]
-        for length, control in zip((1.0 + stretch) * lengths, controls, strict=True):
+        longer = (1.0 + stretch) * lengths
+        for matrix, length, control in zip(matrices, longer, controls, strict=True):
             end = expm(length * matrix) @ np.concatenate([states[-1], control, [1.0]])
             states.append(np.array(end[:6], dtype=float))
         return np.array(states)
 
     states = flown(0.0)
     rows = condensed_motion(
-        LinearField(), SPIN, start, Reference(states, controls, lengths), force, push
+        LinearField(), spin, start, Reference(states, controls, lengths), force, push, begun
     )
     assert rows.shape == (3, 6, 11)
     ends = rows @ np.concatenate([controls.ravel(), [0.0, 1.0]])
@@ -94,8 +104,9 @@ def program_with_states(program: TransitProgram, state, target, last: Plan, age:
         gravity = program.field.evaluate(middle[None])
         rates = np.zeros((10, 10))
         rates[:3, 3:6] = np.eye(3)
-        rates[3:6, :3] = gravity.gradient[0] + np.diag(2 * [program.spin**2] + [0.0])
-        rates[3, 4], rates[4, 3] = 2.0 * program.spin, -2.0 * program.spin
+        turn = cross_matrix(program.spin.rate)
+        rates[3:6, :3] = gravity.gradient[0] - turn @ turn
+        rates[3:6, 3:6] = -2.0 * turn
         rates[3:6, 6:9] = limits.thrust / limits.mass * np.eye(3)
         rates[3:6, 9] = gravity.acceleration[0] - gravity.gradient[0] @ middle
         rates *= duration * shares[k]

@@ -45,12 +45,21 @@ class CountingProgram(TransitProgram):
         self.failure = SolutionResult.kSolverSpecificError
 
     def solve(
-        self, state, target, previous=None, age=0.0, iterations=1, disturbance=None, longest=np.inf
+        self,
+        state,
+        target,
+        previous=None,
+        age=0.0,
+        iterations=1,
+        disturbance=None,
+        longest=np.inf,
+        time=0.0,
     ) -> Plan:
         self.calls.append(iterations)
         if self.broken:
             raise SolverFailure(self.failure)
-        return super().solve(state, target, previous, age, iterations, disturbance, longest)
+        task = (disturbance, longest, time)
+        return super().solve(state, target, previous, age, iterations, *task)
 
 
 @cache
@@ -408,11 +417,13 @@ def test_failed_plan_of_one_step_is_tried_once_more_from_nothing():
             iterations=1,
             disturbance=None,
             longest=np.inf,
+            time=0.0,
         ) -> Plan:
             if previous is not None:
                 self.calls.append(-iterations)
                 raise SolverFailure(SolutionResult.kSolverSpecificError)
-            return super().solve(state, target, previous, age, iterations, disturbance, longest)
+            task = (disturbance, longest, time)
+            return super().solve(state, target, previous, age, iterations, *task)
 
     like = expert().program
     program = Fussy(like.field, like.spin, like.limits, like.horizon)

@@ -53,7 +53,7 @@ def converged(index: int) -> Plan:
 @pytest.mark.parametrize("index", [0, 1])
 def test_motion_is_that_of_the_linearised_dynamics(index):
     """Each interval against an integration of the linear equations about the plan before."""
-    field, spin = program().field, program().spin
+    field, spin = program().field, float(program().spin.rate[2])
     before = converged(index)
     plan = solved(*transits()[index], iterations=1, previous=before)
     middle = 0.5 * (before.states[1:, :3] + before.states[:-1, :3])
@@ -75,7 +75,9 @@ def flown_open_loop(start: np.ndarray, plan: Plan) -> np.ndarray:
     states = [start]
     for force, step in zip(plan.forces, np.diff(plan.times), strict=True):
         push = force / MASS
-        states.append(moved(program().field, program().spin, states[-1], push, step, 1e-9))
+        states.append(
+            moved(program().field, float(program().spin.rate[2]), states[-1], push, step, 1e-9)
+        )
     return np.array(states)
 
 

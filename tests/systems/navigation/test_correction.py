@@ -109,7 +109,7 @@ def prior(
     """Knows the place to sigma, in m; `off` (3,) of it, in m."""
     expected = ExpectedErrors(attitude_deg=np.degrees(turn))
     place = PLACE if off is None else PLACE + off
-    sigmas = first_sigmas(expected, 3e-4, modes, sigma, 1.0)
+    sigmas = first_sigmas(expected, np.array([0.0, 0.0, 3e-4]), modes, sigma, 1.0)
     return first_estimate(place, TURN.as_matrix(), sigmas)
 
 

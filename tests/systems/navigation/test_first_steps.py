@@ -33,7 +33,7 @@ class World:
         expected = ExpectedErrors()
         motion = Motion(self.field, body(name).extents, self.spin, MASS, expected)
         self.navigator = Navigator(
-            model(name), motion, expected, self.spin, self.orbit, self.period, 0
+            model(name), motion, expected, self.orbit, self.period, 0
         )
 
     def after(self, state: np.ndarray) -> np.ndarray:

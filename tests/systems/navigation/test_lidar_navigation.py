@@ -32,7 +32,7 @@ def navigator(delay: int = 0) -> Navigator:
     body, expected = kleopatra(), ExpectedErrors()
     model = FrameModel(body.shape, DEFAULT_GEOMETRY, NOISE, MapError(body.shape))
     motion = Motion(body.gravity_field, body.shape.extents, body.spin_rate, MASS, expected)
-    return Navigator(model, motion, expected, body.spin_rate, 30.0, PERIOD, delay)
+    return Navigator(model, motion, expected, 30.0, PERIOD, delay)
 
 
 def follow(flown: Flight, frames: np.ndarray, delay: int = 0) -> list[Step]:
@@ -190,7 +190,7 @@ def test_a_map_that_is_wrong_as_told() -> None:
     expected = ExpectedErrors(surface_rms_m=rms)
     model = FrameModel(body.shape, DEFAULT_GEOMETRY, NOISE, MapError(body.shape, rms, 15e3))
     motion = Motion(body.gravity_field, body.shape.extents, body.spin_rate, MASS, expected)
-    made = Navigator(model, motion, expected, body.spin_rate, 30.0, PERIOD, 0)
+    made = Navigator(model, motion, expected, 30.0, PERIOD, 0)
     memory, sigma = made.start(), np.inf
     for k, state in enumerate(flown.states[:40]):
         ranges = frame(state[:3], 500 + k, body=true)

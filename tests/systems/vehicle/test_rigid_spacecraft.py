@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems import InputError, PolyhedralGravity, RigidSpacecraft
-from proxops.systems.common import cross_matrix
-from proxops.systems.vehicle import RigidBodyStart, check_inertia
+from proxops.systems.common import check_inertia, cross_matrix
+from proxops.systems.vehicle import RigidBodyStart
 from proxops.systems.vehicle.actual_thrust import STANDARD_GRAVITY
 
 WHEELS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8]])

@@ -1,0 +1,316 @@
+"""Spin states: how the body's frame K turns in the inertial frame N, as functions of time.
+
+At time 0 the axes of K and N are the same. Each model gives the angular velocity w of K in N and
+its derivative, both along the axes of K, and the attitude R_NK.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import functools
+import math
+from collections.abc import Callable
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipj, ellipkinc, elliprj
+
+from proxops.systems.common import (
+    InputError,
+    Matrix3,
+    Quaternion,
+    Vector3,
+    check_inertia,
+    config,
+    cross_matrix,
+    quaternion_inverse,
+    quaternion_of,
+    quaternion_product,
+    rotation_matrix,
+    vector,
+)
+
+# A body whose w x L is below this share of |w| |L| turns about a principal axis.
+_STEADY = 1e-12
+# Relative error of what a spin's errors do: far below the errors of a linear model.
+_TOLERANCE = 1e-8
+
+
+@config
+class SteadySpinConfig:
+    """A body that turns about an axis that stays where it is, in the body and among the stars."""
+
+    # Direction of the axis in the body's frame K.
+    axis: list[float] = vector([0.0, 0.0, 1.0], at_least=-1.0, at_most=1.0)
+
+
+@config
+class TorqueFreeSpinConfig:
+    """A body that turns as a rigid body without torque: it tumbles, unless the axis is principal.
+
+    At the start of a flight it turns about `axis`, at the rate of one turn in `rotation_period_h`.
+    """
+
+    # Direction of the axis in the body's frame K at the start.
+    axis: list[float] = vector([0.0, 0.0, 1.0], at_least=-1.0, at_most=1.0)
+    # xx, yy, zz, xy, xz, yz of the inertia in K, up to a common factor; []: of the mesh with
+    # uniform density.
+    inertia: list[float] = dc.field(default_factory=list)
+
+
+class SpinErrors(NamedTuple):
+    """What a small error of w at time 0 does later, to first order. All vectors are in K."""
+
+    rate: Matrix3
+    """The error of w at a time, by that of w at time 0."""
+    acceleration: Matrix3
+    """The error of the derivative of w, in 1/s, likewise."""
+    turn: Matrix3
+    """The rotation vector by which K turns more in a second, the mean of a step, likewise."""
+
+
+class SteadySpin:
+    """A rotation about a fixed axis at a fixed rate.
+
+    Attributes:
+      rate: w (3,) in rad/s, the same in K and in N.
+    """
+
+    def __init__(self, rate: Vector3):
+        """Takes the angular velocity (3,) in rad/s."""
+        self.rate = np.array(rate, dtype=np.float64)
+
+    @cached_property
+    def about_z(self) -> bool:
+        """Whether the axis is z."""
+        return not self.rate[:2].any()
+
+    def angular_velocity(self, times: float | np.ndarray) -> np.ndarray:
+        """w (..., 3) in rad/s, in K, at times (...) in s."""
+        return np.broadcast_to(self.rate, (*np.shape(times), 3))
+
+    def angular_acceleration(self, times: float | np.ndarray) -> np.ndarray:
+        """The derivative of w (..., 3) in rad/s^2, in K, at times (...) in s."""
+        return np.zeros((*np.shape(times), 3))
+
+    def attitude(self, time: float) -> Quaternion:
+        """R_NK at a time in s."""
+        x, y, z = self.rate.tolist()
+        return quaternion_of((time * x, time * y, time * z))
+
+    def errors(self, time: float, step: float) -> SpinErrors:
+        """What an error of w does over a step of s about a time.
+
+        The true axis is fixed in K, and so is w. The axis as believed is fixed in N: in K it goes
+        round.
+        """
+        if self.about_z:
+            angle = float(self.rate[2]) * time
+            cos, sin = math.cos(angle), math.sin(angle)
+            back = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        else:
+            back = rotation_matrix(self.attitude(time)).T
+        return SpinErrors(np.eye(3), np.zeros((3, 3)), back)
+
+
+class _Motion(NamedTuple):
+    """A torque-free rotation in principal axes, by Jacobi's elliptic functions of time."""
+
+    axes: Quaternion
+    """R_KP, of the principal axes P. The third is the one that L stays about."""
+    moments: tuple[float, float, float]
+    amplitudes: tuple[float, float, float]
+    """Of w along the axes of P, which are times cn, sn and dn."""
+    momentum: float
+    """|L|."""
+    frequency: float
+    """In rad/s."""
+    start: float
+    """The argument of the elliptic functions is start + frequency t."""
+    parameter: float
+    """m."""
+
+
+class TorqueFreeSpin:
+    """The rotation of a rigid body without torque, in closed form.
+
+    In the principal axes w is (A1 cn u, A2 sn u, A3 dn u) with u = u0 + f t (Landau and Lifshitz,
+    Mechanics, section 37). The first axis goes round the angular momentum L, fixed in N, at
+
+        phi' = L (I2 w2^2 + I3 w3^2) / (L^2 - (I1 w1)^2)
+
+    whose integral is one of the third kind, taken in Carlson's form. So energy and angular momentum
+    are those of the start to rounding, at any time.
+
+    Attributes:
+      inertia: (3, 3) in K about the centre of mass; a common factor does not matter.
+      rate: w (3,) in rad/s at time 0.
+    """
+
+    about_z = False
+
+    def __init__(self, inertia: Matrix3, rate: Vector3):
+        """Takes the inertia (3, 3) in K and the angular velocity (3,) in rad/s at time 0.
+
+        Raises:
+          InputError: no body has this inertia.
+        """
+        self.inertia = check_inertia("TorqueFreeSpin", inertia)
+        self.rate = np.array(rate, dtype=np.float64)
+        self._inverse = np.linalg.inv(self.inertia)
+
+    @cached_property
+    def _motion(self) -> _Motion | None:
+        """The motion in principal axes; None: it turns about one of them."""
+        moments, axes = np.linalg.eigh(self.inertia)
+        axes[:, 0] *= np.linalg.det(axes)
+        rate = axes.T @ self.rate
+        momentum = moments * rate
+        size = float(np.linalg.norm(momentum))
+        if np.linalg.norm(np.cross(rate, momentum)) <= _STEADY * size * np.linalg.norm(rate):
+            return None
+        # L^2 - 2 T I2, as a sum: below 0, L stays about the axis of the least moment.
+        if float((moments - moments[1]) @ (moments * rate**2)) < 0.0:
+            axes, moments, rate = -axes[:, ::-1], moments[::-1], -rate[::-1]
+        a, b, c = moments.tolist()
+        x, y, z = rate.tolist()
+        # 2 T I3 - L^2 and L^2 - 2 T I1, over I1 and I3 and as sums that nothing cancels in.
+        across, along = (
+            (c - a) * x**2 + b * (c - b) / a * y**2,
+            (c - a) * z**2 + b * (b - a) / c * y**2,
+        )
+        first, second, third = (
+            math.sqrt(across / (c - a)),
+            math.sqrt(across * a / (b * (c - b))),
+            math.copysign(math.sqrt(along / (c - a)), z),
+        )
+        m = min(across * a * (b - a) / (along * c * (c - b)), 1.0)
+        start = float(ellipkinc(math.atan2(y / second, x / first), m)) if first > 0.0 else 0.0
+        frequency = math.copysign(math.sqrt((c - b) * along / (a * b)), (c - b) * z)
+        i, j, k, real = Rotation.from_matrix(axes).as_quat().tolist()
+        amplitudes = (first, second, third)
+        return _Motion((real, i, j, k), (a, b, c), amplitudes, size, frequency, start, m)
+
+    def angular_velocity(self, times: float | np.ndarray) -> np.ndarray:
+        """w (..., 3) in rad/s, in K, at times (...) in s."""
+        motion = self._motion
+        if motion is None:
+            return np.broadcast_to(self.rate, (*np.shape(times), 3))
+        sn, cn, dn, _ = ellipj(motion.start + motion.frequency * times, motion.parameter)
+        first, second, third = motion.amplitudes
+        rates = np.stack([first * cn, second * sn, third * dn], axis=-1)
+        return rates @ rotation_matrix(motion.axes).T
+
+    def angular_acceleration(self, times: float | np.ndarray) -> np.ndarray:
+        """The derivative of w (..., 3) in rad/s^2, in K, at times (...) in s: -I^-1 (w x I w)."""
+        rates = self.angular_velocity(times)
+        return -np.cross(rates, rates @ self.inertia) @ self._inverse
+
+    def attitude(self, time: float) -> Quaternion:
+        """R_NK at a time in s."""
+        if self._motion is None:
+            return SteadySpin(self.rate).attitude(time)
+        return quaternion_product(self._start, _against_momentum(self._motion, time))
+
+    @cached_property
+    def _start(self) -> Quaternion:
+        """R_NJ, of the axes J of which z lies along L."""
+        assert self._motion is not None
+        return quaternion_inverse(_against_momentum(self._motion, 0.0))
+
+    def errors(self, time: float, step: float) -> SpinErrors:
+        """What an error of w at time 0 does over a step of s about a time."""
+        rounds = abs(time + step) * float(np.linalg.norm(self.rate)) / (2.0 * math.pi)
+        path = self._error_path(max(0, math.ceil(math.log2(max(rounds, 1.0)))))
+        before, now, after = (path(time + part * step) for part in (-0.5, 0.0, 0.5))
+        rate, turn = now[:9].reshape(3, 3), ((after - before)[9:] / step).reshape(3, 3)
+        return SpinErrors(rate, self._error_rate(self.angular_velocity(time), rate), turn)
+
+    def _error_rate(self, w: Vector3, rate: Matrix3) -> Matrix3:
+        """The derivative of the error of w, by Euler's equation."""
+        momentum = cross_matrix(self.inertia @ w)
+        return self._inverse @ ((momentum - cross_matrix(w) @ self.inertia) @ rate)
+
+    @functools.lru_cache(maxsize=8)  # noqa: B019 (a flight has one or two models)
+    def _error_path(self, doublings: int) -> Callable[[float], np.ndarray]:
+        """The errors of w (9,) and of the turn since time 0 (9,), row by row, by time in s.
+
+        It spans two turns of K, doubled so many times.
+        """
+        from scipy.integrate import solve_ivp  # It takes half a second, for this alone.
+
+        def derivative(time: float, state: np.ndarray) -> np.ndarray:
+            w = self.angular_velocity(time)
+            rate, turn = state[:9].reshape(3, 3), state[9:].reshape(3, 3)
+            change = self._error_rate(w, rate)
+            return np.concatenate([change.ravel(), (rate - cross_matrix(w) @ turn).ravel()])
+
+        end = 2.0 ** (doublings + 1) * 2.0 * math.pi / float(np.linalg.norm(self.rate))
+        start = np.concatenate([np.eye(3).ravel(), np.zeros(9)])
+        found = solve_ivp(
+            derivative, (0.0, end), start, "DOP853", dense_output=True,
+            rtol=_TOLERANCE, atol=_TOLERANCE * end,
+        )  # fmt: skip
+        return found.sol
+
+
+SpinModel = SteadySpin | TorqueFreeSpin
+
+
+def spin_model(spin: float | Vector3 | SpinModel) -> SpinModel:
+    """The model of a spin; a rate in rad/s about z, or an angular velocity (3,), is steady.
+
+    Raises:
+      InputError: it is not finite.
+    """
+    if isinstance(spin, SpinModel):
+        return spin
+    rate = np.array(spin, dtype=np.float64)
+    if rate.ndim == 0:
+        rate = np.array([0.0, 0.0, float(rate)])
+    if rate.shape != (3,) or not np.isfinite(rate).all():
+        raise InputError(f"the spin must be one or three finite numbers in rad/s, got {spin}")
+    return SteadySpin(rate)
+
+
+def _against_momentum(motion: _Motion, time: float) -> Quaternion:
+    """R_JK: z of J lies along L, and axis 1 has gone round it by phi since time 0."""
+    sn, cn, dn, amplitude = map(
+        float, ellipj(motion.start + motion.frequency * time, motion.parameter)
+    )
+    along = (cn, sn, dn)
+    x, y, z = (i * w * f for i, w, f in zip(motion.moments, motion.amplitudes, along, strict=True))
+    # About axis 1 until L is in the plane of 1 and 3, then about 2 until it lies along 3.
+    q = quaternion_product(
+        quaternion_of((0.0, -math.atan2(x, math.hypot(y, z)), 0.0)),
+        quaternion_of((math.atan2(y, z), 0.0, 0.0)),
+    )
+    q = quaternion_product(quaternion_of((0.0, 0.0, _precession(motion, time, amplitude))), q)
+    return quaternion_product(q, quaternion_inverse(motion.axes))
+
+
+def _precession(motion: _Motion, time: float, amplitude: float) -> float:
+    """The integral phi of phi' = L (1 / I3 + e sn^2 / (1 + d sn^2)) since time 0, in rad."""
+    _, b, c = motion.moments
+    _, second, third = (value**2 for value in motion.amplitudes)
+    m = motion.parameter
+    d = b**2 * second / (c**2 * third) - m
+    e = b * second * (c - b) / (c**3 * third)
+    begun = float(ellipj(motion.start, m)[3])
+    integral = _third_kind(amplitude, m, d) - _third_kind(begun, m, d)
+    return motion.momentum * (time / c + e * integral / motion.frequency)
+
+
+def _third_kind(amplitude: float, m: float, d: float) -> float:
+    """The integral of sn^2 / (1 + d sn^2) over u, from 0 to where am u is `amplitude`.
+
+    By Carlson's R_J (DLMF, equation 19.25.14), and as many whole half rounds as are in it.
+    """
+    halves = round(amplitude / math.pi)
+    rest = amplitude - math.pi * halves
+    square = math.sin(rest) ** 2
+    part = elliprj(1.0 - square, 1.0 - m * square, 1.0, 1.0 + d * square)
+    whole = 2.0 * halves * float(elliprj(0.0, 1.0 - m, 1.0, 1.0 + d)) if halves else 0.0
+    return (math.sin(rest) ** 3 * float(part) + whole) / 3.0
