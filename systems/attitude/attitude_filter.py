@@ -24,7 +24,7 @@ from proxops.systems.common import (
     quaternion_of,
     quaternion_product,
 )
-from proxops.systems.rotation import SpinModel, spin_model
+from proxops.systems.rotation import Spin, spin_model
 
 # Deviations below these would make the covariance singular: rad, and rad/s.
 _LEAST_NOISE, _LEAST_BIAS = 1e-7, 1e-9
@@ -191,7 +191,7 @@ class AttitudeFilter(LeafSystem):
     the first measurement of all the attitude is that of K.
     """
 
-    def __init__(self, noise: AttitudeNoise, spin: float | SpinModel, period: float):
+    def __init__(self, noise: AttitudeNoise, spin: Spin, period: float):
         """Takes the noise of the sensors, the spin as believed, and the period in s.
 
         A spin that is a number is in rad/s about z.

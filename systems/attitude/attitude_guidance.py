@@ -21,7 +21,7 @@ from proxops.systems.common import (
     rotated,
     vector,
 )
-from proxops.systems.rotation import SpinModel, spin_model
+from proxops.systems.rotation import Spin, spin_model
 
 # A force in N below this has no direction worth a turn.
 _LEAST_FORCE = 0.1
@@ -88,7 +88,7 @@ class AttitudeGuidance(LeafSystem):
     reference against K and its rate there are discrete state.
     """
 
-    def __init__(self, settings: AttitudeGuidanceConfig, spin: float | SpinModel, period: float):
+    def __init__(self, settings: AttitudeGuidanceConfig, spin: Spin, period: float):
         """Takes where to point, the spin as believed, and the period in s.
 
         A spin that is a number is in rad/s about z.

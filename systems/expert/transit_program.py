@@ -34,7 +34,7 @@ from proxops.systems.common import SolverFailure, State, Vector3, kernel
 from proxops.systems.expert.linearised_transit import KEEP_OUT_PRICE, LinearisedTransit
 from proxops.systems.expert.plan import Horizon, Plan
 from proxops.systems.gravity import Field
-from proxops.systems.rotation import SpinModel, spin_model
+from proxops.systems.rotation import Spin, spin_model
 from proxops.systems.vehicle import FlightLimits
 
 # T changes by at most this share in one linearisation.
@@ -62,9 +62,7 @@ class _Task(NamedTuple):
 class TransitProgram:
     """The convex program of one linearisation, built once and updated at every call."""
 
-    def __init__(
-        self, field: Field, spin: float | SpinModel, limits: FlightLimits, horizon: Horizon
-    ):
+    def __init__(self, field: Field, spin: Spin, limits: FlightLimits, horizon: Horizon):
         """Takes the assumed field and spin, the limits and the horizon.
 
         A spin that is a number is in rad/s about z.

@@ -25,7 +25,7 @@ from proxops.systems.common import FAR, LONG, SolverFailure, check_positive, con
 from proxops.systems.expert.linearised_transit import LinearisedTransit, TransitSolution
 from proxops.systems.expert.plan import Horizon, Plan
 from proxops.systems.gravity import Field
-from proxops.systems.rotation import SpinModel, spin_model
+from proxops.systems.rotation import Spin, spin_model
 from proxops.systems.vehicle import FlightLimits
 
 
@@ -54,7 +54,7 @@ class WeightedProgram:
     def __init__(
         self,
         field: Field,
-        spin: float | SpinModel,
+        spin: Spin,
         limits: FlightLimits,
         horizon: Horizon,
         weights: ErrorWeights,

@@ -31,7 +31,7 @@ from proxops.systems.navigation.mended_map import MendedMap, mended_map
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.navigator import Memory, Navigator, Step
 from proxops.systems.navigation.step_records import NavigationPhase, ReturnUse
-from proxops.systems.rotation import SpinModel
+from proxops.systems.rotation import Spin
 from proxops.systems.shapes import Polyhedron
 
 # Before the coefficients of the memory's vector: phase, contradictions, whether there is an
@@ -99,7 +99,7 @@ class LidarNavigation(LeafSystem):
         self,
         shape: Polyhedron,
         field: BodyField,
-        spin: float | SpinModel,
+        spin: Spin,
         mass: float,
         noise_std: float,
         geometry: LidarGeometry = DEFAULT_GEOMETRY,

@@ -11,7 +11,7 @@ from proxops.systems.gravity import Field
 from proxops.systems.navigation._motion_kernel import LocalGravity, ProcessNoise, Turning, predict
 from proxops.systems.navigation.estimate import CENTRE_OF_MASS, POSITION, SIZE, VELOCITY, Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
-from proxops.systems.rotation import SpinModel, spin_model
+from proxops.systems.rotation import Spin, spin_model
 
 # In one step of the prediction, the body turns by at most this angle (rad), and the spacecraft
 # moves by at most this share of the body's radius.
@@ -29,7 +29,7 @@ class Motion:
         self,
         field: Field,
         extents: np.ndarray,
-        spin: float | SpinModel,
+        spin: Spin,
         mass: float,
         expected: ExpectedErrors,
     ):

@@ -12,7 +12,7 @@ import numpy as np
 
 from proxops.systems.common import States, Vector3, Vectors3, check_positive, kernel
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, Field
-from proxops.systems.rotation import SpinModel, spin_model
+from proxops.systems.rotation import Spin, SpinModel, spin_model
 
 # The unit of length is this share of the longest semi-axis, so that positions are about 1.
 _LENGTH_SHARE = 0.7
@@ -45,7 +45,7 @@ class Surroundings:
     """Gravity in K."""
     mass: float
     """Of the body, in kg."""
-    spin: float | SpinModel
+    spin: Spin
     """Of the body; a number is in rad/s about z."""
     semi_axes: Vector3
     """(3,) in m, of the ellipsoid to stay out of, with all margins."""

@@ -6,6 +6,7 @@ board is made from the spin as believed, the spacecraft and what it measures fro
 
 from proxops.systems.rotation.body_rotation import BodyRotation
 from proxops.systems.rotation.spin_models import (
+    Spin,
     SpinErrors,
     SpinModel,
     SteadySpin,
@@ -17,6 +18,7 @@ from proxops.systems.rotation.spin_models import (
 
 __all__ = [
     "BodyRotation",
+    "Spin",
     "SpinErrors",
     "SpinModel",
     "SteadySpin",

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import Vector3
-from proxops.systems.rotation.spin_models import SpinModel, spin_model
+from proxops.systems.rotation.spin_models import Spin, spin_model
 
 
 class BodyRotation(LeafSystem):
@@ -18,7 +17,7 @@ class BodyRotation(LeafSystem):
     ```
     """
 
-    def __init__(self, spin: float | Vector3 | SpinModel):
+    def __init__(self, spin: Spin):
         """Takes a `SpinModel`, or the rate in rad/s of a steady spin: about z, or a vector (3,).
 
         Raises:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses as dc
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -34,6 +34,9 @@ from proxops.systems.common import (
 
 # A body whose w x L is below this share of |w| |L| turns about a principal axis.
 _STEADY = 1e-12
+# Beyond this parameter scipy's elliptic functions no longer come back. A body that spins about its
+# middle axis to within 1e-5 rad is given one that is off by 1e-5 rad.
+_GREATEST_PARAMETER = 1.0 - 2e-10
 # Relative error of what a spin's errors do: far below the errors of a linear model.
 _TOLERANCE = 1e-8
 
@@ -78,7 +81,7 @@ class SteadySpin:
       rate: w (3,) in rad/s, the same in K and in N.
     """
 
-    def __init__(self, rate: Vector3):
+    def __init__(self, rate: Sequence[float] | Vector3):
         """Takes the angular velocity (3,) in rad/s."""
         self.rate = np.array(rate, dtype=np.float64)
 
@@ -186,7 +189,8 @@ class TorqueFreeSpin:
             math.sqrt(across * a / (b * (c - b))),
             math.copysign(math.sqrt(along / (c - a)), z),
         )
-        m = min(across * a * (b - a) / (along * c * (c - b)), 1.0)
+        m = across * a * (b - a) / (along * c * (c - b)) if along else 1.0
+        m = min(m, _GREATEST_PARAMETER)
         start = float(ellipkinc(math.atan2(y / second, x / first), m)) if first > 0.0 else 0.0
         frequency = math.copysign(math.sqrt((c - b) * along / (a * b)), (c - b) * z)
         i, j, k, real = Rotation.from_matrix(axes).as_quat().tolist()
@@ -257,9 +261,11 @@ class TorqueFreeSpin:
 
 
 SpinModel = SteadySpin | TorqueFreeSpin
+Spin = float | Sequence[float] | Vector3 | SpinModel
+"""What `spin_model` takes: a number in rad/s is a steady spin about z, three numbers are w."""
 
 
-def spin_model(spin: float | Vector3 | SpinModel) -> SpinModel:
+def spin_model(spin: Spin) -> SpinModel:
     """The model of a spin; a rate in rad/s about z, or an angular velocity (3,), is steady.
 
     Raises:

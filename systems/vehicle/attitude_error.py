@@ -19,15 +19,15 @@ from proxops.systems.common import (
     vector,
     vector_of,
 )
-from proxops.systems.rotation import SpinModel, spin_model
+from proxops.systems.rotation import Spin, SpinModel, spin_model
 from proxops.systems.vehicle.gauss_markov import SlowVector
 
 
 def believed_axes(
     time: float,
     *,
-    believed_spin: float | Vector | SpinModel,
-    true_spin: float | Vector | SpinModel,
+    believed_spin: Spin,
+    true_spin: Spin,
     phase: float = 0.0,
 ) -> Quaternion:
     """The rotation from the axes that the spacecraft takes for K's to K, if attitude is perfect.
@@ -101,8 +101,8 @@ class AttitudeError(SlowVector):
         constant: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
         varying_std: float = 0.0,
         correlation_time: float = 3600.0,
-        believed_spin: float | Vector | SpinModel,
-        true_spin: float | Vector | SpinModel,
+        believed_spin: Spin,
+        true_spin: Spin,
         phase: float = 0.0,
         period: float = 10.0,
         seed: int = 0,

@@ -9,7 +9,7 @@ import numpy as np
 
 from proxops.systems.common import State, Vector3, cross_matrix
 from proxops.systems.gravity import Field
-from proxops.systems.rotation import SpinModel, spin_model
+from proxops.systems.rotation import Spin, SpinModel, spin_model
 from proxops.systems.vehicle.spacecraft import (
     rotating_frame_acceleration,
     spinning_frame_acceleration,
@@ -47,7 +47,7 @@ def predicted_state(
     duration: float,
     field: Field,
     mass: float,
-    spin: float | SpinModel,
+    spin: Spin,
     time: float = 0.0,
 ) -> State:
     """The state (6,) after `duration` s under gravity and a constant force, by Runge-Kutta.
@@ -97,7 +97,7 @@ def unexplained_acceleration(
     duration: float,
     field: Field,
     mass: float,
-    spin: float | SpinModel,
+    spin: Spin,
     time: float = 0.0,
 ) -> Vector3:
     """The mean acceleration (3,), in m/s^2, that gravity and a constant force do not explain.

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
 from scipy.integrate import solve_ivp
+from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight import fly
@@ -15,7 +16,6 @@ from proxops.diagrams.scenario.bounds import tumbling
 from proxops.diagrams.scenario.true_body import make_true_body
 from proxops.systems import InputError, RigidSpacecraft, Spacecraft
 from proxops.systems.rotation import SteadySpin, TorqueFreeSpin
-from tests.helpers.short_flights import BRIEF, kleopatra, short_scenario
 
 SHIPPED = ASSETS / "kleopatra" / "kleopatra.yaml"
 

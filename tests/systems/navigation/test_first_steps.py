@@ -32,9 +32,7 @@ class World:
         self.spin, self.period = 0.3 * self.orbit / size, 0.01 * size / self.orbit
         expected = ExpectedErrors()
         motion = Motion(self.field, body(name).extents, self.spin, MASS, expected)
-        self.navigator = Navigator(
-            model(name), motion, expected, self.orbit, self.period, 0
-        )
+        self.navigator = Navigator(model(name), motion, expected, self.orbit, self.period, 0)
 
     def after(self, state: np.ndarray) -> np.ndarray:
         """The state (6,) a period later."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -47,6 +47,7 @@ def integrated(inertia, rate, end):
         ((0.5, 0.8, 0.8), (0.3, 0.1, 1.0)),
         ((0.7, 0.7, 0.7), (0.3, 0.1, 1.0)),
         ((0.4, 0.7, 0.9), (0.0, 0.0, 1.0)),
+        ((0.4, 0.7, 0.9), (0.0, 1.0, 0.0)),
     ],
 )
 def test_a_torque_free_body_turns_as_integrated(moments, rate):
@@ -70,14 +71,15 @@ def test_energy_and_momentum_stay(ratios, turned, rate, time):
         (least, 1.0, 1.0 + least * share), Rotation.from_rotvec(turned).as_matrix()
     )
     spin, rate = TorqueFreeSpin(inertia, np.array(rate)), np.array(rate)
+    assume(spin._motion is None or spin._motion.parameter < 1.0 - 1e-9)  # About the middle axis.
     w = spin.angular_velocity(time)
     assert w @ inertia @ w == pytest.approx(rate @ inertia @ rate, rel=1e-12)
     momentum, before = attitude(spin, time) @ inertia @ w, inertia @ rate
-    np.testing.assert_allclose(momentum, before, atol=1e-12 * np.linalg.norm(before))
+    assert np.abs(momentum - before).max() < 1e-12 * np.linalg.norm(before)
 
 
 def test_a_symmetric_top_precesses_by_the_closed_form():
-    moments, rate = (0.5, 0.5, 0.8), np.array([0.3, 0.0, 1.0])
+    moments, rate = np.array([0.5, 0.5, 0.8]), np.array([0.3, 0.0, 1.0])
     spin, time = TorqueFreeSpin(np.diag(moments), rate), 7.0
     momentum = moments * rate
     # R_NK = Rot(L, |L| t / I1) Rot(z, (1 - I3 / I1) w3 t).
