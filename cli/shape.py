@@ -91,6 +91,10 @@ def shape_command(
         typer.Option(help="With --fix: turn half a turn about x, so that a spin about -z is +z."),
     ] = False,
     body: Annotated[Path | None, typer.Option(help="Write the body's YAML file here.")] = None,
+    torque_free: Annotated[
+        bool,
+        typer.Option(help="With --body: it turns as its inertia makes it, about z at the start."),
+    ] = False,
     scenario: Annotated[
         Path | None,
         typer.Option(help="With --body: write a scenario here that is scaled to the body."),
@@ -120,7 +124,7 @@ def shape_command(
     if random is not None:
         others = (mesh_file, unit, size, diameter, longitude, mass, density, period, fix, body)
         given = any(other is not None for other in (*others, scenario))
-        if given or align or flip or out.suffix.lower() == ".png":
+        if given or align or flip or torque_free or out.suffix.lower() == ".png":
             raise InputError(
                 "--random generates mesh, density and period, and writes to a folder: give only "
                 "--out, --margin, --craft-mass, --name and --json with it"
@@ -134,7 +138,7 @@ def shape_command(
         raise InputError("give the mesh file, or --random SEED:NUMBER to generate a body")
     asked = _Asked(
         mesh_file, unit, size, diameter, longitude, fix, align, flip, body, scenario, name, out,
-        Questions(mass, density, period, craft_mass, margin),
+        Questions(mass, density, period, craft_mass, margin, torque_free),
     )  # fmt: skip
     asked.check()
     _set_up(asked, as_json)
@@ -176,6 +180,8 @@ class _Asked(typing.NamedTuple):
         for option, needed in _NEEDED.items():
             if option in given and needed not in given:
                 raise InputError(f"--{option} needs --{needed}: {why[needed]}")
+        if known.torque_free and self.body is None:
+            raise InputError("--torque-free needs --body: it belongs to the body's YAML file")
         massless = known.mass_kg is None and known.density_kg_m3 is None
         if "body" in given and (massless or known.rotation_period_h is None):
             raise InputError("--body needs --mass or --density, and --period")

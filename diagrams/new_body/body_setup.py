@@ -22,11 +22,13 @@ from proxops.diagrams.scenario import (
     check_scenario,
     load_body,
 )
+from proxops.systems.rotation import TorqueFreeSpinConfig
 
 
 def body_yaml(config: BodyConfig, remark: str) -> str:
     """Gives the text of a body's YAML file; it begins with a remark of one line as a comment."""
     axes = ", ".join(map(_number, config.keep_out_semi_axes_m))
+    tumbles = isinstance(config.rotation, TorqueFreeSpinConfig)
     rows = [
         f"# {remark}",
         f"name: {json.dumps(config.name, ensure_ascii=False)}",
@@ -34,6 +36,7 @@ def body_yaml(config: BodyConfig, remark: str) -> str:
         f"mesh_unit: {config.mesh_unit}",
         f"mass_kg: {_number(config.mass_kg)}",
         f"rotation_period_h: {_number(config.rotation_period_h)}  # about +z",
+        *(["rotation: !TorqueFreeSpin {}  # about +z at the start"] if tumbles else []),
         f"keep_out_semi_axes_m: [{axes}]  # along x, y, z, about the centre of mass",
     ]
     return "\n".join(rows) + "\n"

@@ -16,8 +16,10 @@ from proxops.diagrams.new_body.shape_report import (
 from proxops.diagrams.scenario import Body, BodyConfig, hover_force
 from proxops.systems.common import InputError, Progress, directions_of, part_of, silent
 from proxops.systems.gravity import PLAUSIBLE_DENSITY
+from proxops.systems.rotation import SteadySpinConfig, TorqueFreeSpin, TorqueFreeSpinConfig
 from proxops.systems.shapes import (
     Defect,
+    MassProperties,
     MeshFile,
     Polyhedron,
     find_defects,
@@ -39,6 +41,8 @@ _LEAST_VISITED = 30.0
 _MAP_STEP = 5.0
 # Places of it whose gravity is computed at a time, between reports of progress.
 _PLACES = 512
+# A spin axis that is off by less than this (degrees) is not worth a remark.
+_OFF_AXIS = 5.0
 
 
 def examine(
@@ -142,13 +146,7 @@ def _look_at_solid(report: ShapeReport) -> ShapeReport:
     offset = float(np.linalg.norm(solid.centre_of_mass))
     if offset > 1e-3 * size:
         remarks.append(f"the centre of mass is {offset:.4g} m from the origin")
-    # If the two greater moments are nearly equal, their axes are hardly determined.
-    distinct = solid.principal_moments[1] < 0.98 * solid.principal_moments[2]
-    if distinct and spin_axis_error(solid) > 5.0:
-        remarks.append(
-            f"z, the spin axis, is {spin_axis_error(solid):.3g} degrees off the axis "
-            "of the greatest moment of inertia"
-        )
+    remarks += _about_axis(solid, report.questions)
     report = dataclasses.replace(report, solid=solid, keep_out=keep_out)
     reach = float(np.linalg.norm(about_centre[:, :2], axis=1).max())
     synchronous = report.synchronous_radius
@@ -159,6 +157,31 @@ def _look_at_solid(report: ShapeReport) -> ShapeReport:
         )
     defects = report.defects + _unit_defects(report, size)
     return dataclasses.replace(report, defects=defects, remarks=remarks)
+
+
+def _about_axis(solid: MassProperties, asked: Questions) -> list[str]:
+    """Says if z is no axis that a body of uniform density would go on turning about."""
+    error = spin_axis_error(solid)
+    text = (
+        f"z, the spin axis, is {error:.3g} degrees off the axis of the greatest moment of inertia"
+    )
+    if asked.rotation_period_h is None:
+        # If the two greater moments are nearly equal, their axes are hardly determined.
+        distinct = solid.principal_moments[1] < 0.98 * solid.principal_moments[2]
+        return [text] if distinct and error > _OFF_AXIS else []
+    rate = np.array([0.0, 0.0, 2.0 * np.pi / (3600.0 * asked.rotation_period_h)])
+    spin = TorqueFreeSpin(solid.inertia, rate)
+    if spin.period == np.inf:
+        return []
+    rates = spin.angular_velocity(np.linspace(0.0, spin.period, 721))
+    off = np.degrees(np.arccos(rates[:, 2] / np.linalg.norm(rates, axis=1))).max()
+    if off < _OFF_AXIS:
+        return []
+    text += (
+        f": at uniform density it would tumble, the axis up to {off:.3g} degrees off z and back in "
+        f"{spin.period / 3600.0:.4g} h"
+    )
+    return [text if asked.torque_free else f"{text}; --torque-free makes a body that does"]
 
 
 def hover_map(
@@ -239,6 +262,7 @@ def _body(report: ShapeReport) -> Body | None:
         mass_kg=float(f"{mass:.6g}"),
         rotation_period_h=period,
         keep_out_semi_axes_m=[float(f"{axis:.6g}") for axis in axes],
+        rotation=TorqueFreeSpinConfig() if report.questions.torque_free else SteadySpinConfig(),
     )
     shape = Polyhedron(report.file.vertices, report.file.facets, report.file.name)
     return Body(config, shape.recentred())

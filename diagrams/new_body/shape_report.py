@@ -29,6 +29,8 @@ class Questions:
     craft_mass_kg: float = 100.0
     margin: float = 0.05
     """Share that is added to each semi-axis of the keep-out ellipsoid."""
+    torque_free: bool = False
+    """Whether the body turns as its inertia makes it, about z at the start."""
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,8 @@ def check_inertia(owner: str, inertia) -> Matrix3:
         which no distribution of mass can have.
     """
     matrix = np.array(inertia, dtype=np.float64)
-    if matrix.shape != (3, 3) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=1e-12):
+    shaped = matrix.shape == (3, 3)
+    if not shaped or np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
         raise InputError(f"{owner} needs a symmetric inertia of 3 x 3 numbers, got {inertia}")
     moments = np.linalg.eigvalsh(matrix)
     if not moments[0] > 0.0:

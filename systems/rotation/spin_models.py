@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.special import ellipj, ellipkinc, elliprj
+from scipy.special import ellipj, ellipk, ellipkinc, elliprj
 
 from proxops.systems.common import (
     InputError,
@@ -211,6 +211,14 @@ class TorqueFreeSpin:
         """The derivative of w (..., 3) in rad/s^2, in K, at times (...) in s: -I^-1 (w x I w)."""
         rates = self.angular_velocity(times)
         return -np.cross(rates, rates @ self.inertia) @ self._inverse
+
+    @cached_property
+    def period(self) -> float:
+        """The time in s after which w in K is the same again; inf if it stays."""
+        motion = self._motion
+        if motion is None:
+            return math.inf
+        return 4.0 * float(ellipk(motion.parameter)) / abs(motion.frequency)
 
     def attitude(self, time: float) -> Quaternion:
         """R_NK at a time in s."""

@@ -16,6 +16,7 @@ from proxops.assets.random_bodies import random_body
 from proxops.diagrams.new_body.body_setup import body_yaml, scaled_scenario
 from proxops.diagrams.scenario import Scenario, load_body, load_scenario
 from proxops.diagrams.scenario.transits import transit_set
+from proxops.systems.rotation import TorqueFreeSpin
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -262,3 +263,24 @@ def test_flight_at_a_body_that_was_set_up_by_itself(run, tmp_path: Path) -> None
     assert summary["terminal_position_error_m"] < 0.05
     assert summary["terminal_speed_m_s"] < 1e-3
     assert summary["arrival_time_s"] < scenario.arrival.deadline_s
+
+
+def test_a_body_that_tumbles(run, tmp_path: Path) -> None:
+    """A slab whose axis of the greatest moment lies 20 degrees off z.
+
+    By symmetry its axis of rotation comes to lie as far on the other side.
+    """
+    slab = trimesh.creation.box([2e3, 1.2e3, 0.6e3])
+    slab.apply_transform(trimesh.transformations.rotation_matrix(np.radians(20.0), [1, 0, 0]))
+    write(tmp_path / "slab.obj", slab)
+    told = ("shape", "slab.obj", "--unit", "m", "--density", 2000, "--period", 6)
+    code, out, _ = run(*told)
+    assert code == 0
+    assert "20 degrees off the axis of the greatest moment of inertia: at uniform" in out
+    assert "the axis up to 40 degrees off z" in out
+    code, out, _ = run(*told, "--torque-free", "--body", "slab.yaml")
+    assert "--torque-free makes" not in out
+    spin = load_body(tmp_path / "slab.yaml").spin
+    assert isinstance(spin, TorqueFreeSpin)
+    code, _, err = run(*told, "--torque-free")
+    assert (code, "--torque-free needs --body" in err) == (2, True)
