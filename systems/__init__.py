@@ -66,6 +66,7 @@ from proxops.systems.policy import (
     ProportionalDerivative,
     Surroundings,
 )
+from proxops.systems.rotation import BodyRotation, SteadySpin, TorqueFreeSpin
 from proxops.systems.shapes import Polyhedron, RayCaster, Surface
 from proxops.systems.vehicle import (
     ActualThrust,
@@ -94,6 +95,7 @@ __all__ = [
     "AttitudeError",
     "BackupBraking",
     "BodyPose",
+    "BodyRotation",
     "CheckSchedule",
     "CommandAxes",
     "DecisionReason",
@@ -148,11 +150,13 @@ __all__ = [
     "Spacecraft",
     "Spacecraft_",
     "StateNoise",
+    "SteadySpin",
     "Surface",
     "Surroundings",
     "TabulatedField",
     "ThrusterErrors",
     "Thrusters",
+    "TorqueFreeSpin",
     "TransitProgram",
     "UnexplainedAcceleration",
     "VelocityKicks",

@@ -11,9 +11,10 @@ from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dispersions import Dispersions
 from proxops.diagrams.scenario.keys import default_at, value_at
 from proxops.diagrams.scenario.quantities import QUANTITIES
-from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
+from proxops.diagrams.scenario.scenario_config import Scenario, TrueStateConfig, TruthConfig
 from proxops.diagrams.scenario.tuning import expected_errors
 from proxops.systems.navigation import LidarNavigationConfig
+from proxops.systems.rotation import TorqueFreeSpin
 from proxops.systems.shapes import clearances
 
 # What a mended map tells of itself.
@@ -30,7 +31,7 @@ def scenario_remarks(scenario: Scenario, body: Body) -> list[str]:
     Args:
       scenario: as the user gave it, before a draw. body: as believed.
     """
-    parts = _untold, _proportions, _reach, _mpc
+    parts = _untold, _tumbling, _proportions, _reach, _mpc
     return [remark for part in parts for remark in part(scenario, body)]
 
 
@@ -53,6 +54,17 @@ def _untold(scenario: Scenario, body: Body) -> Iterator[str]:
                 f"give navigation.expected.{name} (one standard deviation), or disperse the value, "
                 "which tells the navigation (docs/method/truth.md)"
             )
+
+
+def _tumbling(scenario: Scenario, body: Body) -> Iterator[str]:
+    """On a true body that tumbles while a steady spin is believed."""
+    believed = isinstance(body.spin, TorqueFreeSpin)
+    if scenario.truth.tumbles and not believed and scenario.navigation != TrueStateConfig():
+        yield (
+            "truth.tumbles is set, but a steady spin is believed: the navigation may get lost and "
+            "the Δv may double; a body's file with `rotation: !TorqueFreeSpin {}` tells what is on "
+            "board (docs/method/rotation.md)"
+        )
 
 
 def _proportions(scenario: Scenario, body: Body) -> Iterator[str]:

@@ -58,6 +58,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
     others = [
         *hybrid.GetSystems(),
         systems.ActualThrust(systems.ThrusterErrors(), 10.0),
+        systems.BodyRotation(3e-4),
         systems.AttitudeError(believed_spin=0.0, true_spin=(0.0, 0.0, 0.0)),
         systems.CommandAxes(7.0),
         systems.BodyPose(MultibodyPlant(0.0).world_body()),
@@ -81,9 +82,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
     }
     found = [*diagram.GetSystems(), *others]
     by_name = {kinds.get(type(system), type(system).__name__): system for system in found}
-    burning = systems.Spacecraft(100.0, 0.0, burns_propellant=True)
+    burning = systems.Spacecraft(100.0, None, burns_propellant=True)
     turning = systems.RigidSpacecraft(
-        100.0, np.eye(3), np.zeros(3), wheel_axes=np.eye(3), wheel_inertia=0.01
+        100.0, np.eye(3), None, wheel_axes=np.eye(3), wheel_inertia=0.01
     )
     return by_name | {"Spacecraft": burning, "RigidSpacecraft": turning, "Transit": diagram}
 

@@ -55,3 +55,9 @@ def test_what_the_mpc_does_not_fly_well_with() -> None:
     assert said("control_period_s=200", "mpc.min_horizon_s=400") == []
     (remark,) = said("transit.start_m=[0, 110e3, 0]", "transit.goal_m=[0, 71e3, 0]")
     assert "the MPC stops short of it" in remark
+
+
+def test_a_tumbling_that_nobody_is_told_of() -> None:
+    (remark,) = remarks("truth.tumbles=true")
+    assert "truth.tumbles is set, but a steady spin is believed" in remark
+    assert remarks("truth.tumbles=true", "navigation=TrueState") == []
