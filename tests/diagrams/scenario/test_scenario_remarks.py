@@ -58,6 +58,6 @@ def test_what_the_mpc_does_not_fly_well_with() -> None:
 
 
 def test_a_tumbling_that_nobody_is_told_of() -> None:
-    (remark,) = remarks("truth.tumbles=true")
+    (remark,) = said("truth.tumbles=true")
     assert "truth.tumbles is set, but a steady spin is believed" in remark
-    assert remarks("truth.tumbles=true", "navigation=TrueState") == []
+    assert said("truth.tumbles=true", "navigation=TrueState") == []
