@@ -30,7 +30,6 @@ import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
@@ -48,10 +47,10 @@ from proxops.diagrams.scenario import (
     QUANTITIES,
     DescribedKey,
     described_keys,
+    dispersion_entries,
     load_body,
     load_dispersions,
     load_scenario,
-    parse_mapping,
 )
 
 ROOT = Path(__file__).parents[1]
@@ -95,17 +94,9 @@ def _log_variables(_: str) -> str:
     return "\n".join(["| variable | dimensions | unit | what it is |", "|---|---|---|---|", *rows])
 
 
-def _dispersion_entries(name: str) -> dict[str, Any]:
-    """The entries of a file of dispersions by key, with those of what it is based on."""
-    path = ROOT / "assets" / "dispersions" / f"{name}.yaml"
-    tree = parse_mapping(path.read_text(), str(path))
-    base = tree.pop("based_on", None)
-    return (_dispersion_entries(base) if base else {}) | tree
-
-
 def _dispersions(name: str) -> str:
     scenario, body = load_scenario(), load_body("kleopatra")
-    tree = _dispersion_entries(name)
+    tree = dispersion_entries(name)
     lines = ["| key | distribution | at Kleopatra | source |", "|---|---|---|---|"]
     for each in load_dispersions(name):
         entry, bounds = tree[each.key], each.distribution.bounds()

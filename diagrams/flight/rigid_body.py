@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import OutputPort, System
-from pydrake.systems.primitives import ZeroOrderHold
 
 from proxops.diagrams.flight.named_controllers import users_system
 from proxops.diagrams.flight.wiring import (
@@ -213,7 +212,7 @@ def add_actuation(
     for name in ("given_force", "given_thrust"):
         mean = builder.GetSubsystemByName(name).get_input_port()
         builder.Connect(allocation.GetOutputPort(name), mean)
-    times = _held(wiring, own, "thruster_hold", allocation.GetOutputPort("on_times"))
+    times = wiring.held("thruster_hold", allocation.GetOutputPort("on_times"), own.period)
     estimator = builder.GetSubsystemByName("torque_estimator")
     builder.Connect(times, estimator.GetInputPort("on_times"))
     for name in ("thruster_torques", "failed"):
@@ -230,16 +229,11 @@ def add_actuation(
         )
         asked = share.GetOutputPort("thruster_torque")
         builder.Connect(asked, allocation.GetInputPort("torque"))
-        wheel_torque = _held(wiring, own, "wheel_hold", share.GetOutputPort("wheel_torque"))
+        wheel_torque = wiring.held("wheel_hold", share.GetOutputPort("wheel_torque"), own.period)
         builder.Connect(wheel_torque, estimator.GetInputPort("wheel_torque"))
         _add_wheels(wiring, own, craft, wheel_torque)
     _add_thrusters(wiring, own, craft, times)
     wiring.logged["on_times"] = times
-
-
-def _held(wiring: Wiring, own: _Attitude, name: str, port: OutputPort) -> OutputPort:
-    """Holds what is commanded over each attitude period."""
-    return wiring.add(name, ZeroOrderHold(own.period, port.size()), u=port).get_output_port()
 
 
 def _add_control(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import ZeroOrderHold
 
 from proxops.diagrams.scenario import Scenario, World
 from proxops.systems.common import InputError, derived_seed
@@ -52,6 +53,11 @@ class Wiring:
             if source is not None:
                 self.builder.Connect(source, system.GetInputPort(port))
         return system
+
+    def held(self, name: str, port: OutputPort, period: float) -> OutputPort:
+        """Holds a signal over each period in s, so that an integrator's steps do not ask."""
+        hold = ZeroOrderHold(period, port.size())
+        return self.add(name, hold, u=port).get_output_port()
 
     def seed(self, stream: int) -> int:
         """Gives the seed of a random system from the number of its stream."""

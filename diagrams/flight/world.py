@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem, OutputPort
-from pydrake.systems.primitives import Adder, ZeroOrderHold
+from pydrake.systems.primitives import Adder
 
 from proxops.diagrams.flight.rigid_body import add_rigid_spacecraft, rotation_of
 from proxops.diagrams.flight.scenario_systems import make_events, make_lidar
@@ -104,13 +104,8 @@ def _unexplained(wiring: Wiring) -> OutputPort:
         seed=wiring.seed(ACCELERATION_STREAM),
     )
     wiring.add("unexplained_acceleration", unexplained)
-    return _held(wiring, unexplained.GetOutputPort("acceleration"), "acceleration_hold")
-
-
-def _held(wiring: Wiring, port: OutputPort, name: str) -> OutputPort:
-    """Holds a slow signal over each control period, so that an integrator's steps do not ask."""
-    hold = ZeroOrderHold(wiring.scenario.control_period_s, port.size())
-    return wiring.add(name, hold, u=port).get_output_port()
+    period = wiring.scenario.control_period_s
+    return wiring.held("acceleration_hold", unexplained.GetOutputPort("acceleration"), period)
 
 
 def add_attitude(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> OutputPort | None:
@@ -167,7 +162,7 @@ def add_thrust(
         actual = ActualThrust(truth.thrusters.errors(), period, truth.specific_impulse_s)
         wiring.add("actual_thrust", actual, force=held)
         if attitude is not None:
-            attitude = _held(wiring, attitude, "attitude_hold")
+            attitude = wiring.held("attitude_hold", attitude, period)
             wiring.builder.Connect(attitude, actual.GetInputPort("attitude"))
         if truth.specific_impulse_s is not None:
             flow = actual.GetOutputPort("mass_flow")

@@ -11,7 +11,7 @@ simulates.
 
 from proxops.diagrams.scenario.body import Body, BodyConfig, check_constants, load_body
 from proxops.diagrams.scenario.bounds import described_bounds, uncertainty_set
-from proxops.diagrams.scenario.dispersions import Dispersion, load_dispersions
+from proxops.diagrams.scenario.dispersions import Dispersion, dispersion_entries, load_dispersions
 from proxops.diagrams.scenario.key_descriptions import (
     DescribedKey,
     commented_scenario,
@@ -119,6 +119,7 @@ __all__ = [
     "described_keys",
     "differing_values",
     "dispersed_values",
+    "dispersion_entries",
     "dotted",
     "dotted_leaves",
     "draw_transit",

@@ -206,16 +206,8 @@ def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
       InputError: there are no such dispersions; a key is unknown, or not of the world; or a
         distribution is wrong. The message names the file and the key.
     """
-    path = Path(name_or_path)
-    if not is_yaml_path(name_or_path):
-        path = _FOLDER / f"{name_or_path}.yaml"
-        if path not in _shipped():
-            raise InputError(
-                f"no dispersions {name_or_path!r} ship with proxops ({_known()} do); for your own, "
-                "give the path of a .yaml file"
-            )
     found = []
-    for key, entry in _with_base(read_mapping(path), name_or_path).items():
+    for key, entry in dispersion_entries(name_or_path).items():
         complaint = why_not_dispersed(key)
         if complaint is not None:
             raise InputError(f"{name_or_path}: {complaint}")
@@ -223,7 +215,7 @@ def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
             each = _parse(key, entry)
         except InputError as error:
             raise InputError(f"{name_or_path}: {key} {error}") from error
-        found.append(_in_folder(each, path.parent) if key == _MESH else each)
+        found.append(_in_folder(each, Path(name_or_path).parent) if key == _MESH else each)
     return found
 
 
@@ -236,21 +228,29 @@ def _in_folder(each: Dispersion, folder: Path) -> Dispersion:
     return dc.replace(each, distribution=_with_each(each.distribution, read))
 
 
-def _with_base(tree: dict[str, typing.Any], source: str | Path) -> dict[str, typing.Any]:
-    """Gives the keys of a file with those of the dispersions that it is based on, and so on.
+def dispersion_entries(name_or_path: str | Path) -> dict[str, typing.Any]:
+    """Gives the entries of dispersions by key, with those of what they are based on.
 
     Raises:
-      InputError: no such dispersions ship.
+      InputError: there are no such dispersions.
     """
-    if BASE not in tree:
+    path = Path(name_or_path)
+    if not is_yaml_path(name_or_path):
+        path = _FOLDER / f"{name_or_path}.yaml"
+        if path not in _shipped():
+            raise InputError(
+                f"no dispersions {name_or_path!r} ship with proxops ({_known()} do); for your own, "
+                "give the path of a .yaml file"
+            )
+    tree = dict(read_mapping(path))
+    base = tree.pop(BASE, None)
+    if base is None:
         return tree
-    own = {key: entry for key, entry in tree.items() if key != BASE}
-    base = _FOLDER / f"{tree[BASE]}.yaml"
-    if base not in _shipped():
+    if _FOLDER / f"{base}.yaml" not in _shipped():
         raise InputError(
-            f"{source}: {BASE} must name dispersions that ship with proxops: {_known()}"
+            f"{name_or_path}: {BASE} must name dispersions that ship with proxops: {_known()}"
         )
-    return _with_base(read_mapping(base), base) | own
+    return dispersion_entries(base) | tree
 
 
 def _shipped() -> list[Path]:

@@ -89,7 +89,7 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
     craft = scenario.spacecraft
     if isinstance(craft, RigidBodyConfig):
         noise = load_spacecraft(craft.model).noise
-        _, white = settled_noise(noise, scenario.attitude_period_s, scenario.attitude_steps)
+        white = settled_noise(noise, scenario.attitude_period_s, scenario.attitude_steps)
         errors.attitude_noise_deg = math.degrees(white)
         # Which thrusters push changes; what they have in common on the whole remains.
         across = dispersions.rms("truth.rigid_body.thruster_direction_std_deg") or 0.0

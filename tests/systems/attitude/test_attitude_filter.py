@@ -130,8 +130,6 @@ def test_the_filter_knows_how_wrong_it_is():
     nees = [error @ np.linalg.solve(covariance, error) for error, covariance in last]
     low, high = chi2.ppf([0.0005, 0.9995], 6 * 100) / 100
     assert low < np.mean(nees) < high
-    rms = np.sqrt(np.mean([error[:3] @ error[:3] / 3 for error, _ in last]))
-    assert rms == pytest.approx(settled_noise(NOISE, 1.0, 10)[0], rel=0.15)
 
 
 def test_errors_that_are_alike_count_as_more_noise():
@@ -140,8 +138,7 @@ def test_errors_that_are_alike_count_as_more_noise():
     for seed in range(40):
         errors = np.array([error[:3] for error, _ in _run(1000 + seed, 700)[100::10]])
         means.append(math.sqrt(len(errors)) * errors.mean(axis=0))
-    deviation, white = settled_noise(NOISE, 1.0, 10)
-    assert white > 1.3 * deviation
+    white = settled_noise(NOISE, 1.0, 10)
     assert np.std(means) == pytest.approx(white, rel=0.2)
 
 
