@@ -50,7 +50,7 @@ from proxops.systems.common import (
     html_table,
     write_whole,
 )
-from proxops.systems.rotation import SpinModel
+from proxops.systems.rotation import SpinModel, TorqueFreeSpin
 from proxops.systems.shapes import Polyhedron
 
 # Frames: most of their values are the same.
@@ -120,10 +120,11 @@ class FlightLog:
 
     @cached_property
     def differing_body(self) -> TrueBody | None:
-        """The body as it was, if its surface or its spin axis is not as believed; else None."""
+        """The body as it was, if it tumbles or surface or axis are not as believed; else None."""
         truth = self.scenario.truth
-        axis_differs = truth.density_contrast != 0.0 or any(truth.pole_deg)
-        return self.true_body if "true_vertices" in self.dataset or axis_differs else None
+        differs = truth.density_contrast != 0.0 or any(truth.pole_deg) or truth.tumbles
+        differs = differs or isinstance(self.body.spin, TorqueFreeSpin)
+        return self.true_body if "true_vertices" in self.dataset or differs else None
 
     @property
     def summary(self) -> dict[str, typing.Any]:

@@ -13,6 +13,7 @@ from proxops.diagrams.meshcat.meshcat_scene import (
     add_plan,
     add_returns,
     add_spacecraft,
+    move_axes,
     move_spacecraft,
     prepare_scene,
 )
@@ -95,6 +96,7 @@ class LiveView(LeafSystem):
         self.DeclarePeriodicPublishEvent(period_sec=period, offset_sec=0.0, publish=self._draw)
 
     def _draw(self, context) -> None:
+        move_axes(self.scene, context.get_time())
         position = self._position_port.Eval(context)
         ranges = self._ranges_port.Eval(context).reshape(self._shape)
         rays = self._rays

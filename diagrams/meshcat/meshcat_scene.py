@@ -14,12 +14,14 @@ from functools import cached_property
 
 import numpy as np
 from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba, Sphere
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.perception import PointCloud
+from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario import Body, TrueBody, spin_axes
 from proxops.systems.common import Vector3, Vectors3, directions_of
 from proxops.systems.navigation import ReturnUse
+from proxops.systems.rotation import TorqueFreeSpin
 
 _BODY = Rgba(0.62, 0.57, 0.51)
 _KEEP_OUT = Rgba(0.35, 0.55, 0.95, 0.12)
@@ -139,6 +141,23 @@ def add_body(scene: Scene) -> None:
         ):
             points: typing.Any = line.T / unit
             meshcat.SetLine(f"/spin_axis/{name}", points, 2.0, colour)
+
+
+def move_axes(scene: Scene, time: float, shown: float | None = None) -> None:
+    """Turns the spin axes of a body that tumbles to where they are at a time in s of the flight.
+
+    `shown` is the time of the recording in s; None: now.
+    """
+    if scene.true_body is None:
+        return
+    bodies = (("believed", scene.body.spin, np.zeros(3)),
+              ("true", scene.true_body.spin, scene.true_body.axis_point))  # fmt: skip
+    for name, spin, centre in bodies:
+        if isinstance(spin, TorqueFreeSpin):
+            way = Rotation.align_vectors(spin.angular_velocity(time), spin.rate)[0].as_matrix()
+            moved: typing.Any = (centre - way @ centre) / scene.unit
+            pose = RigidTransform(RotationMatrix(way), moved)
+            scene.meshcat.SetTransform(f"/spin_axis/{name}", pose, shown)
 
 
 def add_keep_out(scene: Scene) -> None:

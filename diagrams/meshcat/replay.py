@@ -24,6 +24,7 @@ from proxops.diagrams.meshcat.meshcat_scene import (
     add_returns,
     add_spacecraft,
     grid_facets,
+    move_axes,
     move_spacecraft,
     prepare_scene,
     quiet_meshcat,
@@ -98,6 +99,8 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
         _record_point(scene, log, shown)
     else:
         record_flight(rigid, data, shown)
+    for time, at in zip(times.tolist(), shown.tolist(), strict=True):
+        move_axes(scene, time, at)
     for name, row in pieces:
         meshcat.SetProperty(name, "visible", False, 0.0)
         meshcat.SetProperty(name, "visible", True, float(shown[row]))

@@ -164,12 +164,13 @@ def spin_axes(body: Body, true_body: TrueBody) -> tuple[np.ndarray, np.ndarray] 
 
     Returns:
       Two arrays (2, 3) in m in K: the ends of the believed axis, and those of the true one. None if
-      both are one line, or if the true body does not spin.
+      both are one line that stays where it is, or if the true body does not spin.
     """
     believed, true = body.spin.rate, true_body.spin.rate
     rate = float(np.linalg.norm(true))
     same = not (np.cross(believed, true).any() or np.cross(true, true_body.axis_point).any())
-    if same or rate == 0.0:
+    tumbling = any(isinstance(each.spin, TorqueFreeSpin) for each in (body, true_body))
+    if (same and not tumbling) or rate == 0.0:
         return None
     half = 0.5 * _AXIS_LENGTH * float(body.shape.extents.max())
     along = np.array([[-half], [half]])

@@ -1,6 +1,7 @@
 """Where the true world differs from the believed one, scenes, pages and plots show both."""
 
 import re
+import typing
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +13,20 @@ from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
 from meshcat_pages import points_told
 from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
 from scipy.spatial.transform import Rotation
 from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.meshcat.meshcat_scene import quiet_meshcat
+from proxops.diagrams.meshcat.meshcat_scene import Scene, move_axes, quiet_meshcat
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
 from proxops.diagrams.plots import draw_body, plot_truth
 from proxops.diagrams.plots.outlines import outline
+from proxops.diagrams.scenario import TruthConfig, spin_axes
+from proxops.diagrams.scenario.true_body import make_true_body
 from proxops.systems.common.errors import InputError
+from proxops.systems.rotation import TorqueFreeSpin
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 UNIT = 100e3
@@ -167,3 +172,26 @@ def test_true_attitude_mass_and_thrust(log: FlightLog) -> None:
         steps = thrust.patches[axis]
         assert isinstance(steps, StepPatch)
         np.testing.assert_allclose(steps.get_data()[0], share * force[:, axis], atol=1e-12)
+
+
+def test_the_axis_of_a_tumbling_body_goes_where_it_turns_about() -> None:
+    """About the true centre of mass; the axis of a steady spin stays."""
+    truth = TruthConfig(tumbles=True, density_contrast=0.1)
+    true_body = make_true_body(kleopatra(), truth)
+    assert isinstance(true_body.spin, TorqueFreeSpin)
+    moved: dict[str, RigidTransform] = {}
+
+    class Noted:
+        def SetTransform(self, path, pose, time):  # noqa: N802
+            moved[path] = pose
+            assert time == 2.0
+
+    scene = Scene(typing.cast(typing.Any, Noted()), kleopatra(), true_body)
+    move_axes(scene, 20e3, 2.0)
+    (pose,) = moved.values()
+    _, before = spin_axes(kleopatra(), true_body) or (None, None)
+    assert before is not None
+    after = np.array([pose @ end for end in before / scene.unit]) * scene.unit
+    way, wanted = np.diff(after, axis=0)[0], true_body.spin.angular_velocity(20e3)
+    np.testing.assert_allclose(way / np.linalg.norm(way), wanted / np.linalg.norm(wanted))
+    np.testing.assert_allclose(after.mean(axis=0), true_body.axis_point, atol=1e-6)
