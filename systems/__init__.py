@@ -23,6 +23,7 @@ from proxops.systems.expert import (
 from proxops.systems.gravity import (
     Gravity,
     GravityField,
+    Moons,
     PointMassField,
     PolyhedralGravity,
     PolyhedralGravity_,
@@ -126,6 +127,7 @@ __all__ = [
     "MapError",
     "MendedMap",
     "ModelPredictiveController",
+    "Moons",
     "NavigationPhase",
     "NeuralPolicy",
     "PeriodRule",

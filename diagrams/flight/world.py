@@ -34,6 +34,7 @@ from proxops.systems import (
     UnexplainedAcceleration,
     VelocityKicks,
 )
+from proxops.systems.gravity import Moons
 from proxops.systems.rotation import TorqueFreeSpin
 from proxops.systems.vehicle import Thrusters
 
@@ -71,6 +72,9 @@ def add_accelerations(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> No
     parts = [gravity.GetOutputPort("acceleration")]
     if wiring.scenario.kicks is not None:
         parts.append(_kicks(wiring))
+    if moons := wiring.world.body.config.moons:
+        system = wiring.add("moons", Moons(moons, wiring.world.true_body.spin), position=position)
+        parts.append(system.GetOutputPort("acceleration"))
     acceleration = wiring.scenario.truth.acceleration
     if any(acceleration.constant_m_s2) or acceleration.varying_std_m_s2 > 0.0:
         parts.append(_unexplained(wiring))

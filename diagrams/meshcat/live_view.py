@@ -14,6 +14,7 @@ from proxops.diagrams.meshcat.meshcat_scene import (
     add_returns,
     add_spacecraft,
     move_axes,
+    move_moons,
     move_spacecraft,
     prepare_scene,
 )
@@ -97,6 +98,7 @@ class LiveView(LeafSystem):
 
     def _draw(self, context) -> None:
         move_axes(self.scene, context.get_time())
+        move_moons(self.scene, context.get_time())
         position = self._position_port.Eval(context)
         ranges = self._ranges_port.Eval(context).reshape(self._shape)
         rays = self._rays

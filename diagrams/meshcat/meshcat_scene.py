@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario import Body, TrueBody, spin_axes
 from proxops.systems.common import Vector3, Vectors3, directions_of
+from proxops.systems.gravity import moon_position
 from proxops.systems.navigation import ReturnUse
 from proxops.systems.rotation import TorqueFreeSpin
 
@@ -93,6 +94,7 @@ def prepare_scene(scene: Scene) -> None:
     """Sets background, lights and camera, and adds the body and its keep-out ellipsoid."""
     _light_scene(scene)
     add_body(scene)
+    add_moons(scene)
     add_keep_out(scene)
 
 
@@ -122,7 +124,7 @@ def add_body(scene: Scene) -> None:
     believed spin axes.
     """
     meshcat, unit = scene.meshcat, scene.unit
-    for leftover in ("/body", "/map", "/spin_axis"):  # Of an earlier flight.
+    for leftover in ("/body", "/map", "/spin_axis", "/moon"):  # Of an earlier flight.
         meshcat.Delete(leftover)
     believed = scene.body.shape
     shape = believed if scene.true_body is None else scene.true_body.shape
@@ -158,6 +160,24 @@ def move_axes(scene: Scene, time: float, shown: float | None = None) -> None:
             moved: typing.Any = (centre - way @ centre) / scene.unit
             pose = RigidTransform(RotationMatrix(way), moved)
             scene.meshcat.SetTransform(f"/spin_axis/{name}", pose, shown)
+
+
+def add_moons(scene: Scene) -> None:
+    """Adds the moons of the body as balls, at least as large as a point that is seen."""
+    for number, moon in enumerate(scene.body.config.moons):
+        radius = max(moon.radius_m / scene.unit, _POINT_SIZE)
+        scene.meshcat.SetObject(f"/moon/{number}", Sphere(radius), _BODY)
+
+
+def move_moons(scene: Scene, time: float, shown: float | None = None) -> None:
+    """Moves the moons to where they are at a time in s of the flight.
+
+    `shown` is the time of the recording in s; None: now.
+    """
+    spin = (scene.true_body or scene.body).spin
+    for number, moon in enumerate(scene.body.config.moons):
+        pose = scene.pose(moon_position(moon, time, spin))
+        scene.meshcat.SetTransform(f"/moon/{number}", pose, shown)
 
 
 def add_keep_out(scene: Scene) -> None:

@@ -25,6 +25,7 @@ from proxops.diagrams.meshcat.meshcat_scene import (
     add_spacecraft,
     grid_facets,
     move_axes,
+    move_moons,
     move_spacecraft,
     prepare_scene,
     quiet_meshcat,
@@ -101,6 +102,7 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
         record_flight(rigid, data, shown)
     for time, at in zip(times.tolist(), shown.tolist(), strict=True):
         move_axes(scene, time, at)
+        move_moons(scene, time, at)
     for name, row in pieces:
         meshcat.SetProperty(name, "visible", False, 0.0)
         meshcat.SetProperty(name, "visible", True, float(shown[row]))

@@ -18,7 +18,7 @@ from proxops.systems.common import (
     html_table,
     number,
 )
-from proxops.systems.gravity import BodyField, GravityField, TabulatedField
+from proxops.systems.gravity import BodyField, GravityField, MoonConfig, TabulatedField
 from proxops.systems.rotation import (
     SpinModel,
     SteadySpin,
@@ -38,7 +38,7 @@ _REQUIRED = (
 
 @dc.dataclass(slots=True)
 class BodyConfig:
-    """The keys of a body's YAML file; all but `rotation` are required."""
+    """The keys of a body's YAML file; all but `rotation` and `moons` are required."""
 
     name: str = ""
     # Mesh file (OBJ, PLY, STL or PDS .tab); its path is relative to the body's YAML file.
@@ -49,8 +49,9 @@ class BodyConfig:
     rotation_period_h: float = number(0.0, at_least=1e-3, at_most=1e7, unit="h")
     # Semi-axes along x, y, z of the keep-out ellipsoid about the centre of mass.
     keep_out_semi_axes_m: list[float] = dc.field(default_factory=list)
-    # About which axis it turns, and how; it may be left out.
+    # About which axis it turns, and how; it may be left out, and so may moons.
     rotation: SteadySpinConfig | TorqueFreeSpinConfig = dc.field(default_factory=SteadySpinConfig)
+    moons: list[MoonConfig] = dc.field(default_factory=list)
 
 
 @dc.dataclass(frozen=True)
@@ -193,6 +194,8 @@ def check_constants(config: BodyConfig, source: str) -> None:
             "positive number and turn the mesh half a turn: proxops shape FILE --fix NEW --flip"
         )
     check_limits(config, source)
+    for k, moon in enumerate(config.moons):
+        check_limits(moon, f"{source}: moons[{k}]")
     rotation = config.rotation
     if not any(rotation.axis):
         raise InputError(f"{source}: rotation.axis has no direction, got {rotation.axis}")

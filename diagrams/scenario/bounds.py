@@ -25,7 +25,7 @@ from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spa
 from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path, load_typed, read_mapping
 from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.common import InputError, check_limits, spread_directions, values_in_words
-from proxops.systems.gravity import GravityField
+from proxops.systems.gravity import GravityField, greatest_tide
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.shapes import Polyhedron, displaced
 from proxops.systems.vehicle import STANDARD_GRAVITY
@@ -310,7 +310,8 @@ def _acceleration(dispersions: Dispersions) -> float:
     far = _FAR * float(body.keep_out_semi_axes.max())
     speed = math.sqrt(3.0) * craft.speed_limit_m_s
     rotation = 2.0 * error * speed + (2.0 * spin + error) * error * far + spin**2 * shift
-    return forces / craft.mass_kg + pushes + gravity + rotation
+    moons = greatest_tide(body.config.moons, far)
+    return forces / craft.mass_kg + pushes + gravity + rotation + moons
 
 
 @functools.lru_cache(maxsize=4)

@@ -19,8 +19,8 @@ from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
 from proxops.systems.attitude import settled_noise
-from proxops.systems.common import InputError, limits_of
-from proxops.systems.gravity import GravityField
+from proxops.systems.common import LONG, InputError, limits_of
+from proxops.systems.gravity import GravityField, greatest_tide
 from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig, shift_of_centre
 from proxops.systems.shapes import Polyhedron
 from proxops.systems.vehicle import (
@@ -125,6 +125,11 @@ def _add_disturbances(errors: ExpectedErrors, dispersions: Dispersions) -> None:
     if kicks is not None:
         pushes = kicks.velocity_std_m_s / math.sqrt(kicks.mean_interval_s * period)
         parts.append((pushes, 0.5 * period))
+    if moons := dispersions.body.config.moons:
+        # As far out as flights are, in the main; they go round in K, about once in a turn.
+        body = dispersions.body
+        size = greatest_tide(moons, float(body.keep_out_semi_axes.max()))
+        parts.append((size, min(1.0 / body.spin_rate, LONG)))
     variance = sum(std**2 for std, _ in parts)
     if len(parts) > 1 and variance > 0.0:
         errors.acceleration_varying_m_s2 = math.sqrt(variance)

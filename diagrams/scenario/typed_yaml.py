@@ -128,6 +128,11 @@ def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typ
         for option in options
         if isinstance(option, type) and dc.is_dataclass(option)
     }
+    if is_list and dc.is_dataclass(inner := typing.get_args(schema)[0]):
+        if not (isinstance(value, list) and all(isinstance(item, dict) for item in value)):
+            raise InputError(f"{source}: {path} needs a list of `key: value` lines, got {value!r}")
+        schema = typing.cast(type, inner)
+        return [load_typed(schema, item, source, f"{path}[{k}]") for k, item in enumerate(value)]
     if nested and isinstance(value, dict):
         tag = str(value.get(TAG, next(iter(nested))))
         chosen = nested.get(_short_tag(tag))

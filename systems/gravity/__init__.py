@@ -18,6 +18,7 @@ from proxops.systems.gravity.gravity_field import (
     Gravity,
     GravityField,
 )
+from proxops.systems.gravity.moons import MoonConfig, Moons, greatest_tide, moon_position, tide_of
 from proxops.systems.gravity.point_mass_field import PointMassField
 from proxops.systems.gravity.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
 from proxops.systems.gravity.surface_maps import (
@@ -39,6 +40,8 @@ __all__ = [
     "FieldTables",
     "Gravity",
     "GravityField",
+    "MoonConfig",
+    "Moons",
     "PlaneCut",
     "PointMassField",
     "PolyhedralGravity",
@@ -47,7 +50,10 @@ __all__ = [
     "effective_field",
     "find_equilibria",
     "gravity_at",
+    "greatest_tide",
+    "moon_position",
     "plane_cut",
     "surface_map",
     "synchronous_radius",
+    "tide_of",
 ]

@@ -59,6 +59,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
         *hybrid.GetSystems(),
         systems.ActualThrust(systems.ThrusterErrors(), 10.0),
         systems.BodyRotation(3e-4),
+        systems.Moons([], 3e-4),
         systems.AttitudeError(believed_spin=0.0, true_spin=(0.0, 0.0, 0.0)),
         systems.CommandAxes(7.0),
         systems.BodyPose(MultibodyPlant(0.0).world_body()),

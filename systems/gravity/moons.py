@@ -1,0 +1,125 @@
+"""Moons: point masses that go round the body on Kepler's ellipses."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from proxops.systems.common import FAR, LONG, Vector3, config, number, rotation_matrix
+from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
+from proxops.systems.rotation import Spin, SpinModel, spin_model
+
+# Newton's method on Kepler's equation ends at this step (rad), or after so many.
+_STEP, _MOST_STEPS = 1e-14, 50
+
+
+@config
+class MoonConfig:
+    """A moon: a ball on an ellipse that stays where it is among the stars.
+
+    Its elements are against the body's equator at the start of a flight: the axes of K, then.
+    """
+
+    mass_kg: float = number(0.0, at_least=0.0, at_most=1e25, unit="kg")
+    # It is only drawn.
+    radius_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
+    semi_major_axis_m: float = number(1.0, at_least=1e-3, at_most=1e3 * FAR, unit="m")
+    period_s: float = number(1.0, at_least=1e-3, at_most=LONG, unit="s")
+    eccentricity: float = number(0.0, at_least=0.0, below=1.0)
+    # Of the orbit to K's xy-plane; above 90 degrees it goes round the other way.
+    inclination_deg: float = number(0.0, at_least=0.0, at_most=180.0, unit="degrees")
+    # Of the ascending node from K's x, of the pericentre from the node, and of the moon from the
+    # pericentre by mean anomaly.
+    node_deg: float = number(0.0, at_least=-360.0, at_most=360.0, unit="degrees")
+    pericentre_deg: float = number(0.0, at_least=-360.0, at_most=360.0, unit="degrees")
+    mean_anomaly_deg: float = number(0.0, at_least=-360.0, at_most=360.0, unit="degrees")
+
+
+def moon_position(moon: MoonConfig, time: float, spin: SpinModel) -> Vector3:
+    """Where a moon is (3,) at a time in s, in m from the centre of mass, along the axes of K.
+
+    K turns as `spin` says. Kepler's equation is solved by Newton's method.
+    """
+    e = moon.eccentricity
+    mean = math.radians(moon.mean_anomaly_deg) + 2.0 * math.pi * time / moon.period_s
+    mean = math.remainder(mean, 2.0 * math.pi)
+    anomaly = mean if e < 0.8 else math.copysign(math.pi, mean)
+    for _ in range(_MOST_STEPS):
+        step = (anomaly - e * math.sin(anomaly) - mean) / (1.0 - e * math.cos(anomaly))
+        anomaly -= step
+        if abs(step) < _STEP:
+            break
+    x = moon.semi_major_axis_m * (math.cos(anomaly) - e)
+    y = moon.semi_major_axis_m * math.sqrt(1.0 - e * e) * math.sin(anomaly)
+    return rotation_matrix(spin.attitude(time)).T @ (_orbit_axes(moon) @ [x, y, 0.0])
+
+
+def _orbit_axes(moon: MoonConfig) -> np.ndarray:
+    """The axes of the orbit (3, 3) in N, in columns; the first goes through the pericentre."""
+    angles = (moon.node_deg, moon.inclination_deg, moon.pericentre_deg)
+    (a, b, c), (u, v, w) = np.cos(np.radians(angles)), np.sin(np.radians(angles))
+    return np.array(
+        [
+            [a * c - u * w * b, -a * w - u * c * b, u * v],
+            [u * c + a * w * b, -u * w + a * c * b, -a * v],
+            [w * v, c * v, b],
+        ]
+    )
+
+
+def tide_of(mass: float, moon: Vector3, position: Vector3) -> Vector3:
+    """What a point mass adds to the motion about the body (3,), in m/s^2.
+
+    It is its pull at a position (3,) in m less its pull on the body, which falls freely towards it,
+    too. `mass` is in kg, `moon` (3,) its place in m.
+    """
+    away = moon - position
+    pull = away / np.linalg.norm(away) ** 3 - moon / np.linalg.norm(moon) ** 3
+    return GRAVITATIONAL_CONSTANT * mass * pull
+
+
+def greatest_tide(moons: list[MoonConfig], far: float) -> float:
+    """A bound of the tide of moons in m/s^2, up to a distance in m from the body.
+
+    It is that on the line to each moon, as near as it comes; inf where a moon comes as near.
+    """
+    total = 0.0
+    for moon in moons:
+        nearest = moon.semi_major_axis_m * (1.0 - moon.eccentricity)
+        if nearest <= far:
+            return math.inf
+        pull = 1.0 / (nearest - far) ** 2 - 1.0 / nearest**2
+        total += GRAVITATIONAL_CONSTANT * moon.mass_kg * pull
+    return total
+
+
+class Moons(LeafSystem):
+    """The tide of moons, which go round the body.
+
+    ```
+                       ┌───────┐
+    position (3), m ──►│ Moons ├─► acceleration (3), m/s^2
+                       └───────┘
+    ```
+
+    All vectors are along the axes of K; the position is that of the spacecraft from the body's
+    centre of mass. The moons move as the time says, and nothing moves them but the body.
+    """
+
+    def __init__(self, moons: list[MoonConfig], spin: Spin):
+        """Takes the moons, and how K turns."""
+        super().__init__()
+        self.moons, self.spin = moons, spin_model(spin)
+        self._port = self.DeclareVectorInputPort("position", 3)
+        self.DeclareVectorOutputPort(
+            "acceleration", 3, self._calc, {self._port.ticket(), self.time_ticket()}
+        )
+
+    def _calc(self, context, output):
+        position, time = self._port.Eval(context), context.get_time()
+        pull = np.zeros(3)
+        for moon in self.moons:
+            pull += tide_of(moon.mass_kg, moon_position(moon, time, self.spin), position)
+        output.SetFromVector(pull)

@@ -1,0 +1,81 @@
+"""Moons on Kepler's ellipses, against an integration of the two-body problem, and their tide."""
+
+import dataclasses as dc
+
+import numpy as np
+import pytest
+from one_system import evaluated
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from proxops.systems.gravity import (
+    GRAVITATIONAL_CONSTANT,
+    MoonConfig,
+    Moons,
+    greatest_tide,
+    moon_position,
+    tide_of,
+)
+from proxops.systems.rotation import SteadySpin
+
+STILL = SteadySpin(np.zeros(3))
+ALEXHELIOS = MoonConfig(
+    mass_kg=1.2e15, semi_major_axis_m=655e3, period_s=2.455 * 86400.0, eccentricity=0.3,
+    inclination_deg=20.0, node_deg=40.0, pericentre_deg=-70.0, mean_anomaly_deg=100.0,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("eccentricity", [0.0, 0.3, 0.95])
+def test_an_orbit_is_that_of_two_bodies(eccentricity):
+    """From the pericentre on, whose place and speed are in closed form, in rotated axes."""
+    moon = dc.replace(ALEXHELIOS, eccentricity=eccentricity, mean_anomaly_deg=0.0)
+    a = moon.semi_major_axis_m
+    mu = a**3 * (2.0 * np.pi / moon.period_s) ** 2
+    speed = np.sqrt(mu / a * (1.0 + eccentricity) / (1.0 - eccentricity))
+    turn = Rotation.from_euler("ZXZ", [40.0, 20.0, -70.0], degrees=True)
+    start = np.concatenate(
+        [turn.apply([a * (1.0 - eccentricity), 0.0, 0.0]), turn.apply([0.0, speed, 0.0])]
+    )
+
+    def rate(_, y):
+        return np.concatenate([y[3:], -mu * y[:3] / np.linalg.norm(y[:3]) ** 3])
+
+    for time in (0.0, 3e4, 1.7 * moon.period_s):
+        path = solve_ivp(rate, (0.0, time), start, "DOP853", rtol=1e-13, atol=1e-6)
+        np.testing.assert_allclose(moon_position(moon, time, STILL), path.y[:3, -1], atol=1e-6 * a)
+
+
+def test_it_goes_round_in_n_while_k_turns():
+    spin, time = SteadySpin([1e-5, 0.0, 3e-4]), 5e3
+    turn = Rotation.from_rotvec(time * spin.rate)
+    seen, still = (moon_position(ALEXHELIOS, time, each) for each in (spin, STILL))
+    np.testing.assert_allclose(turn.apply(seen), still, rtol=1e-12)
+
+
+def test_the_tide_is_a_difference_of_two_pulls():
+    """In extended precision; and by the system, of all moons."""
+    position, time = np.array([150e3, -20e3, 40e3]), 2e4
+    moons, total = [ALEXHELIOS, MoonConfig(5.8e14, 1e3, 499e3, 1.63 * 86400.0)], np.zeros(3)
+    for moon in moons:
+        place = moon_position(moon, time, STILL).astype(np.longdouble)
+        away = place - position
+        pull = away / np.sum(away**2) ** 1.5 - place / np.sum(place**2) ** 1.5
+        wanted = np.array(GRAVITATIONAL_CONSTANT * moon.mass_kg * pull, dtype=float)
+        np.testing.assert_allclose(tide_of(moon.mass_kg, np.array(place, float), position), wanted)
+        total += wanted
+    found = evaluated(Moons(moons, 0.0), "acceleration", time, position=position)
+    np.testing.assert_allclose(found, total, rtol=1e-10)
+
+
+def test_the_bound_of_a_tide_holds():
+    random = np.random.default_rng(1)
+    worst = 0.0
+    for _ in range(2000):
+        place = random.normal(size=3)
+        place *= 280e3 / np.linalg.norm(place)
+        moon = moon_position(ALEXHELIOS, random.uniform(0.0, ALEXHELIOS.period_s), STILL)
+        worst = max(worst, float(np.linalg.norm(tide_of(ALEXHELIOS.mass_kg, moon, place))))
+    bound = greatest_tide([ALEXHELIOS], 280e3)
+    assert 0.5 * bound < worst < bound
+    assert greatest_tide([ALEXHELIOS], 500e3) == np.inf
+    assert greatest_tide([], 1e9) == 0.0
