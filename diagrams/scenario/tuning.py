@@ -19,7 +19,7 @@ from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
 from proxops.systems.attitude import settled_noise
-from proxops.systems.common import InputError, limits_of
+from proxops.systems.common import LONG, InputError, limits_of
 from proxops.systems.gravity import GravityField
 from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig, shift_of_centre
 from proxops.systems.shapes import Polyhedron
@@ -28,6 +28,7 @@ from proxops.systems.vehicle import (
     ForceNoiseConfig,
     KicksConfig,
     RandomWalkDisturbanceConfig,
+    greatest_sunlight,
 )
 
 _Section = TypeVar("_Section", ForceNoiseConfig, KicksConfig, RandomWalkDisturbanceConfig)
@@ -107,7 +108,7 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
 
 
 def _add_disturbances(errors: ExpectedErrors, dispersions: Dispersions) -> None:
-    """Adds disturbance, force noise and kicks to the acceleration that varies, in place.
+    """Adds disturbance, force noise, kicks and sunlight to the acceleration that varies, in place.
 
     Each is taken as a Gauss-Markov process, and their sum as one with the same variance and the
     same effect on the velocity over long times.
@@ -125,6 +126,11 @@ def _add_disturbances(errors: ExpectedErrors, dispersions: Dispersions) -> None:
     if kicks is not None:
         pushes = kicks.velocity_std_m_s / math.sqrt(kicks.mean_interval_s * period)
         parts.append((pushes, 0.5 * period))
+    if (sunlight := dispersions.scenario.sunlight) is not None:
+        # In K its direction goes round with the spin: what is constant there would be trusted.
+        body = dispersions.body
+        size = greatest_sunlight(sunlight, craft.mass_kg, float(body.keep_out_semi_axes.max()))
+        parts.append((size, min(1.0 / body.spin_rate, LONG)))
     variance = sum(std**2 for std, _ in parts)
     if len(parts) > 1 and variance > 0.0:
         errors.acceleration_varying_m_s2 = math.sqrt(variance)

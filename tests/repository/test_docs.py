@@ -47,7 +47,7 @@ NO_SECTION = {"PlanarLidar"}
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
     """One system of each kind, by the name of its class."""
-    parts = {part: {} for part in ("disturbance", "force_noise", "kicks")}
+    parts = {part: {} for part in ("disturbance", "force_noise", "kicks", "sunlight")}
     everything = load_scenario(None, SHORT | parts | {"assurance": {"bounds": {}}})
     with pytest.warns(UserWarning, match="exceed assurance"):
         diagram = make_transit_diagram(everything, body=kleopatra())
