@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -10,8 +12,9 @@ from short_flights import BRIEF, kleopatra, short_scenario
 from proxops.diagrams.flight import fly, make_transit_diagram
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.logs.flight_log import differences
-from proxops.diagrams.scenario import check_scenario, load_scenario
+from proxops.diagrams.scenario import check_scenario, filter_tuning, load_scenario
 from proxops.systems.common import InputError
+from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.vehicle.sunlight import in_shadow
 
 AU, SUN = 149_597_870_700.0, 1.3271244e20
@@ -109,6 +112,27 @@ def test_the_shadow_comes_late_by_less_than_a_period() -> None:
     found = data["velocity_inertial"].values[-1]
     assert np.linalg.norm(found - velocity) < 2.0 * 10.0 * PUSH
     assert np.linalg.norm(found - unhidden) > 100.0 * PUSH
+
+
+def test_the_navigation_counts_it() -> None:
+    """Within three sigma in nearly all steps; a navigation that is told of no Sun is not."""
+    settings = {"log_ranges": False, "transit.index": 1}
+    sun = {"area_m2": 100.0, "distance_au": 1.0, "direction": [0.5, 0.5, 0.7]}
+    scenario = load_scenario(None, {**settings, "sunlight": sun})
+    log = fly(scenario, "mpc", body=kleopatra())
+    untold = filter_tuning(load_scenario(None, settings), kleopatra())
+    blind = dc.replace(scenario, navigation=LidarNavigationConfig(expected=untold))
+    assert _within_three_sigma(log) > 0.99
+    assert _within_three_sigma(fly(blind, "mpc", body=kleopatra())) < 0.6
+
+
+def _within_three_sigma(log: FlightLog) -> float:
+    """The least share of steps of a component of position and velocity."""
+    data = log.dataset
+    error = (data["navigation_state"] - data["state"]).values
+    sigma = np.sqrt(data["navigation_covariance"].values[:, range(6), range(6)])
+    known = np.isfinite(error).all(axis=1)
+    return float((np.abs(error[known]) < 3.0 * sigma[known]).mean(axis=0).min())
 
 
 def test_without_sunlight_there_is_nothing_of_it() -> None:
