@@ -31,6 +31,7 @@ from proxops.systems import (
     RandomWalkDisturbance,
     RigidSpacecraft,
     Spacecraft,
+    Sunlight,
     UnexplainedAcceleration,
     VelocityKicks,
 )
@@ -62,7 +63,7 @@ def add_spacecraft(wiring: Wiring) -> Spacecraft | RigidSpacecraft:
 
 
 def add_accelerations(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> None:
-    """Connects true gravity, kicks and unexplained acceleration, as far as there are any."""
+    """Connects true gravity and, as far as there are any, kicks, sunlight and the unexplained."""
     field = wiring.world.true_body.gravity_field
     position = craft.GetOutputPort("position")
     gravity = wiring.add("gravity", PolyhedralGravity(field), position=position)
@@ -75,6 +76,8 @@ def add_accelerations(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> No
     if moons := wiring.world.body.config.moons:
         system = wiring.add("moons", Moons(moons, wiring.world.true_body.spin), position=position)
         parts.append(system.GetOutputPort("acceleration"))
+    if wiring.scenario.sunlight is not None:
+        parts.append(_sunlight(wiring, craft))
     acceleration = wiring.scenario.truth.acceleration
     if any(acceleration.constant_m_s2) or acceleration.varying_std_m_s2 > 0.0:
         parts.append(_unexplained(wiring))
@@ -96,6 +99,23 @@ def _kicks(wiring: Wiring) -> OutputPort:
     )
     wiring.logged["kick"] = kicks.GetOutputPort("next_acceleration")
     return wiring.add("kicks", kicks).GetOutputPort("acceleration")
+
+
+def _sunlight(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> OutputPort:
+    settings, true_body = wiring.scenario.sunlight, wiring.world.true_body
+    assert settings is not None
+    mass = craft.GetOutputPort("mass") if craft.HasOutputPort("mass") else None
+    sunlight = Sunlight(
+        settings,
+        true_body.shape,
+        true_body.spin,
+        craft.mass if mass is None else None,
+        true_body.axis_point,
+        wiring.scenario.control_period_s,
+    )
+    wiring.add("sunlight", sunlight, position=craft.GetOutputPort("position"), mass=mass)
+    wiring.logged["sun_direction"] = sunlight.GetOutputPort("direction")
+    return sunlight.GetOutputPort("acceleration")
 
 
 def _unexplained(wiring: Wiring) -> OutputPort:

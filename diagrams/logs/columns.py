@@ -86,6 +86,7 @@ VARIABLES = {
     "kick": Column(
         ("axis",), "m/s^2", "acceleration by a kick from this time on, until the next, in K",
     ),
+    "sun_direction": Column(("axis",), "1", "unit vector from the body to the Sun in K"),
     "decision": Column((), "1", "flown by: 0 the controller named, 1 the MPC, 2 the policy"),
     **_record("decision_record", {
         "decision_reason": Column(

@@ -28,7 +28,7 @@ from proxops.systems.common import InputError, check_limits, spread_directions, 
 from proxops.systems.gravity import GravityField, greatest_tide
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.shapes import Polyhedron, displaced
-from proxops.systems.vehicle import STANDARD_GRAVITY
+from proxops.systems.vehicle import STANDARD_GRAVITY, greatest_sunlight
 
 # What has a normal distribution at each time, such as a Gauss-Markov process, has no end. It is
 # cut at this many standard deviations, and the roughness of a surface at its own 3 sigma.
@@ -191,15 +191,14 @@ def bounds_of_dispersions(dispersions: Dispersions) -> AssuranceBounds:
             )
     body = dispersions.body
     velocity_change = _SPEEDS * dispersions.scenario.spacecraft.speed_limit_m_s
+    mass = _mass(error("truth.mass"), dispersions.ends("truth.specific_impulse_s"), velocity_change)
     bounds = AssuranceBounds(
         gravity=error("truth.gravity"),
         thrust=error("truth.thrusters.scale")
         + _DEVIATIONS * error("truth.rigid_body.thruster_scale_std"),
         thrust_direction_deg=_direction(dispersions),
-        mass=_mass(
-            error("truth.mass"), dispersions.ends("truth.specific_impulse_s"), velocity_change
-        ),
-        acceleration_m_s2=_acceleration(dispersions),
+        mass=mass,
+        acceleration_m_s2=_acceleration(dispersions) + _sunlight(dispersions, mass),
         surface_m=_ROUGHNESS * error("truth.surface_rms_m")
         + 0.5 * float(body.shape.extents.max()) * error("truth.size"),
     )
@@ -312,6 +311,18 @@ def _acceleration(dispersions: Dispersions) -> float:
     rotation = 2.0 * error * speed + (2.0 * spin + error) * error * far + spin**2 * shift
     moons = greatest_tide(body.config.moons, far)
     return forces / craft.mass_kg + pushes + gravity + rotation + moons
+
+
+def _sunlight(dispersions: Dispersions, error: float) -> float:
+    """The greatest acceleration in m/s^2 by the Sun, whose direction nobody on board is told.
+
+    `error` is that of the spacecraft's mass, over it.
+    """
+    scenario = dispersions.scenario
+    if scenario.sunlight is None:
+        return 0.0
+    far = _FAR * float(dispersions.body.keep_out_semi_axes.max())
+    return greatest_sunlight(scenario.sunlight, (1.0 - error) * scenario.spacecraft.mass_kg, far)
 
 
 @functools.lru_cache(maxsize=4)

@@ -111,8 +111,8 @@ def why_not_dispersed(key: typing.Any) -> str | None:
         near = difflib.get_close_matches(str(key), QUANTITY, n=1, cutoff=0.0)[0]
         return f"there is no key {key!r} in a scenario; the nearest is {near}"
     return (
-        f"{key} cannot be dispersed, because it is a setting of what is on board, not of the "
-        "world; disperse keys of truth, disturbance, force_noise and kicks, or what is known on "
+        f"{key} cannot be dispersed, because it is no uncertain quantity of the world; "
+        "disperse keys of truth, disturbance, force_noise and kicks, or what is known on "
         f"the day: {', '.join(KNOWN_ON_THE_DAY)}"
     )
 

@@ -14,6 +14,8 @@ from proxops.systems.lidar import LearnedLidarConfig
 _MOST_STEPS = 1_000_000
 # The greatest coordinate (m) or velocity (m/s) per axis.
 _FAR = 1e9
+# The greatest cosine of what is to be a right angle.
+_RIGHT_ANGLE = 1e-2
 
 
 def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
@@ -32,6 +34,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
     fastest = scenario.spacecraft.speed_limit_m_s
     for complaint in itertools.chain(
         _times(scenario),
+        _sunlight(scenario),
         _bundles(scenario),
         _dispersed(scenario),
         _transit(scenario.transit, fastest),
@@ -62,6 +65,24 @@ def _times(scenario: Scenario) -> Iterator[str]:
         yield (
             f"arrival.deadline_s and arrival.dwell_s must sum to at most {_MOST_STEPS} times "
             "control_period_s"
+        )
+
+
+def _sunlight(scenario: Scenario) -> Iterator[str]:
+    """Yields a message for each direction of the Sun's orbit that there cannot be."""
+    sunlight = scenario.sunlight
+    if sunlight is None:
+        return
+    direction, pole = sunlight.direction, sunlight.orbit_pole
+    for name, value in (("direction", direction), ("orbit_pole", pole)):
+        if not any(value):
+            yield f"sunlight.{name} has no direction, got {value}"
+    lengths = math.hypot(*direction), math.hypot(*pole)
+    cosine = sum(a / lengths[0] * b / lengths[1] for a, b in zip(direction, pole, strict=True))
+    if sunlight.year_days is not None and abs(cosine) > _RIGHT_ANGLE:
+        yield (
+            "sunlight.direction must be at right angles to sunlight.orbit_pole, because the Sun "
+            f"is in the plane of the orbit; the cosine of their angle is {cosine:.3g}"
         )
 
 

@@ -24,6 +24,7 @@ from proxops.systems.vehicle import (
     KicksConfig,
     PointMassConfig,
     RandomWalkDisturbanceConfig,
+    SunlightConfig,
     TrueAccelerationConfig,
     TrueAttitudeConfig,
     TrueThrustersConfig,
@@ -145,6 +146,8 @@ class Scenario:
     force_noise: ForceNoiseConfig | None = None
     # null: nothing pushes the spacecraft from outside.
     kicks: KicksConfig | None = None
+    # null: there is no Sun. Controllers and navigation know how much it may do, but no model of it.
+    sunlight: SunlightConfig | None = None
     # How the world differs from what is believed; no controller knows it.
     truth: TruthConfig = dc.field(default_factory=TruthConfig)
     # Name of dispersions that ship with proxops, or path of a YAML file of dispersions, from which

@@ -28,6 +28,7 @@ from proxops.systems.vehicle import (
     ForceNoiseConfig,
     KicksConfig,
     RandomWalkDisturbanceConfig,
+    greatest_sunlight,
 )
 
 _Section = TypeVar("_Section", ForceNoiseConfig, KicksConfig, RandomWalkDisturbanceConfig)
@@ -107,7 +108,7 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
 
 
 def _add_disturbances(errors: ExpectedErrors, dispersions: Dispersions) -> None:
-    """Adds disturbance, force noise and kicks to the acceleration that varies, in place.
+    """Adds disturbance, force noise, kicks and sunlight to the acceleration that varies, in place.
 
     Each is taken as a Gauss-Markov process, and their sum as one with the same variance and the
     same effect on the velocity over long times.
@@ -125,11 +126,13 @@ def _add_disturbances(errors: ExpectedErrors, dispersions: Dispersions) -> None:
     if kicks is not None:
         pushes = kicks.velocity_std_m_s / math.sqrt(kicks.mean_interval_s * period)
         parts.append((pushes, 0.5 * period))
-    if moons := dispersions.body.config.moons:
-        # As far out as flights are, in the main; they go round in K, about once in a turn.
-        body = dispersions.body
-        size = greatest_tide(moons, float(body.keep_out_semi_axes.max()))
-        parts.append((size, min(1.0 / body.spin_rate, LONG)))
+    # In K the Sun and moons go round with the spin: what is constant there would be trusted.
+    body, sunlight = dispersions.body, dispersions.scenario.sunlight
+    far, turn = float(body.keep_out_semi_axes.max()), min(1.0 / body.spin_rate, LONG)
+    if body.config.moons:
+        parts.append((greatest_tide(body.config.moons, far), turn))
+    if sunlight is not None:
+        parts.append((greatest_sunlight(sunlight, craft.mass_kg, far), turn))
     variance = sum(std**2 for std, _ in parts)
     if len(parts) > 1 and variance > 0.0:
         errors.acceleration_varying_m_s2 = math.sqrt(variance)

@@ -5,10 +5,10 @@ Start with `Spacecraft`, the equations of motion in K; `RigidSpacecraft` turns, 
 `DelayedHold` delays it; `FreshHold` holds without delay. `ActualThrust` makes of the held command
 what thrusters with errors give. `AttitudeError` is how the spacecraft's axes S are turned against
 K, and `CommandAxes` turns a command into S as the attitude is believed.
-`VelocityKicks` and `UnexplainedAcceleration` push the spacecraft from outside, and `StateNoise`
-adds errors to a state. `FlightMonitor` finds arrival, collision and keep-out violations as events;
-`FlightEvents` says what a path does to them. `FlightLimits` are what plans and
-runtime assurance keep within.
+`VelocityKicks`, `Sunlight` and `UnexplainedAcceleration` push the spacecraft from outside, and
+`StateNoise` adds errors to a state. `FlightMonitor` finds arrival, collision and keep-out
+violations as events; `FlightEvents` says what a path does to them. `FlightLimits` are what plans
+and runtime assurance keep within.
 `state_prediction` has plain functions that predict the motion, and `gauss_markov_at` is the process
 behind errors that vary slowly. A new disturbance of the force is a `ForceDisturbance`, which says
 what it adds. Its random numbers must depend on its seed and on time alone.
@@ -72,6 +72,7 @@ from proxops.systems.vehicle.state_prediction import (
     runge_kutta_step,
     unexplained_acceleration,
 )
+from proxops.systems.vehicle.sunlight import Sunlight, SunlightConfig, greatest_sunlight
 from proxops.systems.vehicle.thrusters import Thrusters
 from proxops.systems.vehicle.velocity_kicks import KicksConfig, VelocityKicks
 
@@ -104,6 +105,8 @@ __all__ = [
     "Spacecraft",
     "Spacecraft_",
     "StateNoise",
+    "Sunlight",
+    "SunlightConfig",
     "ThrusterErrors",
     "Thrusters",
     "TrueAccelerationConfig",
@@ -114,6 +117,7 @@ __all__ = [
     "believed_acceleration",
     "believed_axes",
     "gauss_markov_at",
+    "greatest_sunlight",
     "hermite_curve",
     "moved_by",
     "phase_vector",

@@ -36,6 +36,8 @@ from proxops import systems
 from proxops.cli.main import app, command, main
 from proxops.diagrams.flight import fly, make_transit_diagram, named_controller, surroundings
 from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.systems.rotation import SteadySpin
+from proxops.systems.vehicle import SunlightConfig
 
 # A base class of other systems, which have sections of their own.
 NO_SECTION = {"PlanarLidar"}
@@ -75,6 +77,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
             {"ground": kleopatra().shape}, systems.ray_directions(), max_range=350e3
         ),
         systems.ProportionalDerivative(100.0, 7.0, 40.0),
+        systems.Sunlight(SunlightConfig(), kleopatra().shape, SteadySpin([0.0, 0.0, 0.0]), None),
         systems.UnexplainedAcceleration(),
     ]
     kinds = {

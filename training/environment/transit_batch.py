@@ -336,7 +336,7 @@ class _Motion:
 
 def _check_plain(scenario: Scenario) -> None:
     """Raises `InputError` if the scenario has what the batch leaves out."""
-    parts = ("dispersions", "disturbance", "force_noise", "kicks", "assurance")
+    parts = ("dispersions", "disturbance", "force_noise", "kicks", "sunlight", "assurance")
     there = [name for name in parts if getattr(scenario, name) is not None]
     if any(key.startswith("truth.") for key in differing_values(scenario)):
         there.append("truth")

@@ -15,7 +15,7 @@ EVERYTHING = {
     "disturbance": {}, "force_noise": {}, "kicks": {"mean_interval_s": 50.0}, "noise_seed": 3,
     "truth__lidar__latency_steps": 1, "truth__attitude__constant_deg": [0.3, 0.2, -0.1],
     "truth__specific_impulse_s": 220.0, "arrival__radius_m": 1e6, "arrival__speed_m_s": 30.0,
-    "arrival__dwell_s": 300.0,
+    "arrival__dwell_s": 300.0, "sunlight": {"direction": [-1.0, 0.0, 0.0], "area_m2": 1e3},
 }  # fmt: skip
 
 

@@ -33,16 +33,17 @@ from proxops.systems import InputError, TransitProgram
 from proxops.systems.common.errors import SolverFailure
 
 SIZES = {"component": 6, "axis": 3, "plane": 12, "ray": 360}
-# Of flights with kicks, with a policy, of a hybrid, with runtime assurance, or with a navigation.
+# Of flights with kicks or sunlight, with a policy, of a hybrid, with runtime assurance, or with a
+# navigation.
 RIGID_COLUMNS = (
     "angular_velocity", "inertial_attitude", "reference_attitude", "wheel_momentum", "on_times",
     "centre_of_mass", "failed_thrusters",
 )  # fmt: skip
 SOMETIMES = (
-    "kick", "policy_time", "policy_status", "estimate", "decision_reason", "agreement",
-    "force_difference", "force_angle", "check_clearance", "steps_to_check", "decision_time",
-    "intervention", "intervention_reason", "thrust", "mass", "attitude", *NAVIGATION_COLUMNS,
-    *RIGID_COLUMNS,
+    "kick", "sun_direction", "policy_time", "policy_status", "estimate", "decision_reason",
+    "agreement", "force_difference", "force_angle", "check_clearance", "steps_to_check",
+    "decision_time", "intervention", "intervention_reason", "thrust", "mass", "attitude",
+    *NAVIGATION_COLUMNS, *RIGID_COLUMNS,
     "navigation_return_use", "assurance_margin", "assurance_position", "assurance_velocity",
 )  # fmt: skip
 AXES = np.array([140e3, 70e3, 65e3])

@@ -141,6 +141,21 @@ def test_closed_forms(tmp_path: Path, text: str, acceleration: float) -> None:
     assert bounds.acceleration_m_s2 == pytest.approx(acceleration)
 
 
+def test_sunlight_is_bounded(tmp_path: Path) -> None:
+    """Light on the least mass, and 2 GM r / d^3 at twice the longest semi-axis; by hand."""
+    sun = "sunlight={area_m2: 100, distance_au: 1, reflectivity: 1}"
+    light = 1361.0 / 299_792_458.0 * 100.0 / 100.0
+    tide = 2.0 * 1.3271244e20 / 149_597_870_700.0**3 * 2.0 * 140e3
+    assert bounds_of("assurance={}", sun).acceleration_m_s2 == pytest.approx(light + tide)
+    path = write(tmp_path, "truth.mass: {uniform: [0.5, 1.0]}\n")
+    bounds = bounds_of(f"assurance={{bounds: {path}}}", sun)
+    assert bounds.acceleration_m_s2 == pytest.approx(2.0 * light + tide)
+    # Bounds that are given hold nothing else, and it is said that there is more.
+    scenario = load_scenario(None, ["assurance={bounds: {}}", sun])
+    with pytest.warns(UserWarning, match="acceleration_m_s2 0"):
+        draw_world(scenario, kleopatra())
+
+
 def test_values_one_by_one_and_from_a_file(tmp_path: Path) -> None:
     path = write(tmp_path, "gravity: 0.1\nthrust_direction_deg: 2\nvelocity_m_s: 0.5\n")
     for text in (path, "{gravity: 0.1, thrust_direction_deg: 2, velocity_m_s: 0.5}"):

@@ -172,6 +172,17 @@ def test_what_disturbs_the_command_is_an_acceleration_that_varies(tmp_path: Path
     assert both.acceleration_correlation_s == pytest.approx((25.0 * 60.0 + 600.0) / 26.0)
 
 
+def test_sunlight_is_an_acceleration_that_goes_round(tmp_path: Path) -> None:
+    """By hand: 100 m^2 on 100 kg at 1 au, correlated while Kleopatra turns by a radian."""
+    sun = ["sunlight={area_m2: 100, distance_au: 1, reflectivity: 1}"]
+    found = filter_tuning(load_scenario(None, [LIDAR, *sun]), kleopatra())
+    assert found.acceleration_varying_m_s2 == pytest.approx(4.54e-6, rel=5e-3)
+    assert found.acceleration_correlation_s == pytest.approx(1.0 / kleopatra().spin_rate)
+    assert found.acceleration_m_s2 == 0.0
+    both = told(tmp_path, "truth.acceleration.varying_std_m_s2: 4.54e-6\n", *sun)
+    assert both.acceleration_varying_m_s2 == pytest.approx(math.hypot(4.54e-6, 4.54e-6), rel=5e-3)
+
+
 def test_a_disturbance_that_is_drawn_is_told_in_the_mean() -> None:
     """Of the paper's flights three in four are disturbed; nobody tells which."""
     scenario = load_scenario(None, [LIDAR, "dispersions=paper"])

@@ -22,7 +22,7 @@ VALUES: tuple[typing.Any, ...] = (
     "text", "", "\0", True, None, [], [1.0, 2.0], {}, {"a": 1},
 )  # fmt: skip
 # Optional parts are there, so that their values are tried too.
-PARTS = {"assurance": {}, "disturbance": {}, "force_noise": {}, "kicks": {}}
+PARTS = {"assurance": {}, "disturbance": {}, "force_noise": {}, "kicks": {}, "sunlight": {}}
 # Three control steps.
 THREE_STEPS = {"arrival.deadline_s": 20.0, "arrival.dwell_s": 10.0, "log_ranges": True}
 

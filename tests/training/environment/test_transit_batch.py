@@ -147,6 +147,7 @@ def test_wrong_options_and_actions_are_refused() -> None:
         {"dispersions": "after_survey"},
         {"truth.mass": 1.01},
         {"kicks": {}},
+        {"sunlight": {}},
         {"transit.start_m": [2e5, 0.0, 0.0], "transit.goal_m": [0.0, 2e5, 0.0]},
     ],
 )
