@@ -45,8 +45,13 @@ def look_at_flight(scene: Scene, points: Vectors3) -> None:
     view = _view(_everything(scene.body, points), azimuth, _ELEVATION)
     scene.meshcat.SetCameraPose(view.eye / scene.unit, view.target / scene.unit)
     # The sun stands to the side and above, so that the relief is visible.
-    sun = 10.0 * _towards(azimuth + 30.0, 38.0)
-    scene.meshcat.SetProperty("/Lights/FillLight/<object>", "position", sun.tolist())
+    light_from(scene, _towards(azimuth + 30.0, 38.0))
+
+
+def light_from(scene: Scene, direction: Vector3, shown: float | None = None) -> None:
+    """Places the sun in a direction (3,) in K, at a time of the recording in s; None: now."""
+    place = (10.0 * direction).tolist()
+    scene.meshcat.SetProperty("/Lights/FillLight/<object>", "position", place, shown)
 
 
 def _best_azimuth(body: Body, points: np.ndarray) -> float:

@@ -16,7 +16,7 @@ import xarray as xr
 from pydrake.geometry import Meshcat, Rgba
 
 from proxops.diagrams.logs import FlightLog, flown_by, legend_of
-from proxops.diagrams.meshcat.camera_views import look_at_flight, viewpoints
+from proxops.diagrams.meshcat.camera_views import light_from, look_at_flight, viewpoints
 from proxops.diagrams.meshcat.meshcat_page import FRAMES_PER_SECOND, PLAYBACK_SPEED, page_with
 from proxops.diagrams.meshcat.meshcat_scene import (
     Scene,
@@ -103,6 +103,9 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     for time, at in zip(times.tolist(), shown.tolist(), strict=True):
         move_axes(scene, time, at)
         move_moons(scene, time, at)
+    if "sun_direction" in data:
+        for direction, at in zip(data["sun_direction"].values, shown.tolist(), strict=True):
+            light_from(scene, direction, at)
     for name, row in pieces:
         meshcat.SetProperty(name, "visible", False, 0.0)
         meshcat.SetProperty(name, "visible", True, float(shown[row]))
