@@ -58,9 +58,9 @@ def load_scenario(
       values: more overrides, by their keys.
 
     Raises:
-      InputError: the file cannot be read or is not YAML, a key is unknown (the message gives the
-        nearest valid one), a value has the wrong type or is beyond its limits, or an override
-        gives a value that the scenario's dispersions draw for each flight.
+      InputError: no such scenario ships, the file cannot be read or is not YAML, a key is unknown
+        (the message gives the nearest valid one), a value has the wrong type or is beyond its
+        limits, or an override gives a value that the scenario's dispersions draw for each flight.
     """
     if not isinstance(path, str | Path | None):
         raise InputError(
