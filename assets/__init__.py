@@ -1,4 +1,4 @@
-"""Data that ship with proxops: the asteroid's shape and constants, and the policy bundles."""
+"""Data that ship with proxops: asteroids, scenarios, dispersions, spacecraft and policy bundles."""
 
 from pathlib import Path
 

@@ -1,22 +1,27 @@
-"""The shape of (216) Kleopatra: from the table of radii to the shipped mesh.
+"""The shapes of the bodies that ship: from a table of radii to the shipped mesh.
 
-The table gives cross-sections of the body along its long axis. ``loft`` joins them, station by
-station, to the full-resolution surface: exact, but with needle-shaped facets at the tips.
-``build_mesh`` wraps that surface in 4,000 well-shaped facets. It starts from a geodesic capsule
-(the caps of a subdivided icosahedron with a longer band between them), lays it on the loft by
-distance along the axis and azimuth, and alternates smoothing along the surface with projection
-back on to it. Last, the vertices move along their normals until facets and loft agree on average:
-with its vertices on a convex surface a mesh lies inside it, and would lose volume.
+Kleopatra's table gives cross-sections of the body along its long axis; that of the other bodies
+gives the radius by latitude and longitude, of which each latitude is a section about z. ``loft``
+joins the sections, station by station, to the full-resolution surface: exact, but with
+needle-shaped facets at the tips. ``build_mesh`` wraps that surface in some 4,000 well-shaped
+facets. It starts from a geodesic capsule (the caps of a subdivided icosahedron with a longer band
+between them), lays it on the loft by distance along the axis and azimuth, and alternates smoothing
+along the surface with projection back on to it. Last, the vertices move along their normals until
+facets and loft agree on average: with its vertices on a convex surface a mesh lies inside it, and
+would lose volume.
 
-Lengths are in kilometres. Axes: those of the radar model (x the long axis, z the spin axis).
-Origin: the centre of mass at uniform density, of the measured model in the table and the loft, of
-the mesh itself in ``build_mesh``'s result.
+Lengths are in kilometres. Axes: those of the model that was measured (Kleopatra: x the long axis, z
+the spin axis; otherwise z is the pole of the table). Origin: the centre of mass at uniform density,
+of the measured model in the table and the loft, of the mesh itself in ``build_mesh``'s result.
 
-``python -m proxops.assets.loft`` rebuilds ``kleopatra/kleopatra.obj`` and prints how good it is.
+``python -m proxops.assets.loft`` rebuilds all meshes beside their tables and prints how good they
+are; ``python -m proxops.assets.loft bennu`` rebuilds one.
 """
 
 from __future__ import annotations
 
+import dataclasses as dc
+import sys
 import typing
 from pathlib import Path
 
@@ -35,41 +40,119 @@ if typing.TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-TABLE = ASSETS / "kleopatra" / "kleopatra_radii.csv"
-MESH = ASSETS / "kleopatra" / "kleopatra.obj"
-
-# 10 cap (cap + band) = 4,000 facets; a band this long suits a body so much longer than thick.
-CAP, BAND = 8, 42
 # Weight of a vertex's move against the distance of a sample, both squared.
 _STIFFNESS = 0.1
 
-HEADER = """\
-# (216) Kleopatra, km: x the long axis, z the spin axis, origin the centre of mass
-# (uniform density). Built from kleopatra_radii.csv, which was measured on the radar model of
-# S. J. Ostro et al., Science 288 (2000), PDS data set EAR-A-5-DDR-RADARSHAPE-MODELS-V2.0.
-# To rebuild: python -m proxops.assets.loft
-"""
+
+@dc.dataclass(frozen=True)
+class Figure:
+    """A shape that ships: its table, and the net of which its mesh is made."""
+
+    path: str
+    """Of both files in the assets' folder, without what they end in."""
+    cap: int
+    band: int
+    """Numbers of `geodesic_capsule`: the mesh has 10 cap (cap + band) facets."""
+    heading: str
+    """Whose shape it is, and its axes."""
+    source: str
+    """What was measured; in lines, as the mesh's first comment has them."""
+
+    @property
+    def table(self) -> Path:
+        """The table of radii."""
+        return ASSETS / f"{self.path}_radii.csv"
+
+    @property
+    def mesh(self) -> Path:
+        """The shipped mesh."""
+        return ASSETS / f"{self.path}.obj"
+
+    @property
+    def header(self) -> str:
+        """The first lines of the mesh's file."""
+        text = (
+            f"{self.heading}, origin the centre of mass\n(uniform density). "
+            f"Built from {self.table.name}, which was measured on {self.source}\n"
+            "To rebuild: python -m proxops.assets.loft"
+        )
+        return "".join(f"# {line}\n" for line in text.split("\n"))
 
 
-def read_sections(path: Path = TABLE) -> FloatArray:
-    """The measured surface points (S, A, 3), km: S sections across x, A azimuths from +y to +z.
+_POLE = "km: z the pole"
+# A body of revolution as thick as it is long takes cap = band; a longer band suits a longer body.
+FIGURES = {
+    "kleopatra": Figure(
+        "kleopatra/kleopatra", 8, 42, "(216) Kleopatra, km: x the long axis, z the spin axis",
+        "the radar model of\n"
+        "S. J. Ostro et al., Science 288 (2000), PDS data set EAR-A-5-DDR-RADARSHAPE-MODELS-V2.0.",
+    ),
+    "bennu": Figure(
+        "bennu/bennu", 14, 14, f"(101955) Bennu, {_POLE}",
+        "the\nlaser altimetry model SPO v54 of the OSIRIS-REx Altimetry Working Group (CC0).",
+    ),
+    "ryugu": Figure(
+        "ryugu/ryugu", 14, 14, f"(162173) Ryugu, {_POLE}",
+        "the\nSfM model of S. Watanabe et al., Science 364 (2019), ISAS/JAXA (CC BY 4.0).",
+    ),
+    "toutatis": Figure(
+        "toutatis/toutatis", 10, 30, "(4179) Toutatis, km: z the long axis",
+        "the\nradar model of R. S. Hudson and S. J. Ostro, Science 270 (1995), PDS (CC0).",
+    ),
+    "didymos": Figure(
+        "didymos/didymos", 14, 14, f"(65803) Didymos, {_POLE}",
+        "the\nDART model v003 of R. T. Daly et al., PDS (CC0).",
+    ),
+    "dimorphos": Figure(
+        "didymos/dimorphos", 14, 14, f"Dimorphos, {_POLE}",
+        "the\nDART model v004 of R. T. Daly et al., PDS (CC0).",
+    ),
+}  # fmt: skip
+KLEOPATRA = FIGURES["kleopatra"]
 
-    Each row of the table, after the header, is one section: x_km, yc_km, zc_km and the radii from
-    that centre at equal steps of azimuth. The first and the last are the tips, single points.
+
+def read_sections(path: Path = KLEOPATRA.table) -> FloatArray:
+    """The measured surface points (S, A, 3), km: S sections across an axis, A azimuths around it.
+
+    Either the axis is x: each row of the table, after the header, is one section, x_km, yc_km,
+    zc_km and the radii from that centre at equal steps of azimuth from +y to +z. Or, if the header
+    begins with latitude_deg, it is z: each row is a latitude and the distances from the origin at
+    equal steps of longitude from +x to +y. The first section and the last are the tips, or the
+    poles: single points.
 
     Raises:
-        ValueError: the rows do not ascend in x, do not begin and end with a tip, or hold a radius
-            that is not positive in between.
+        ValueError: the rows do not ascend, do not begin and end with a tip, or hold a radius that
+            is not positive in between.
     """
+    with path.open(encoding="ascii") as file:
+        by_latitude = file.readline().startswith("latitude_deg")
     rows = np.loadtxt(path, delimiter=",", skiprows=1, dtype=np.float64, ndmin=2)
-    centres, radii = rows[:, None, :3], rows[:, 3:]
     if not (np.diff(rows[:, 0]) > 0).all():
-        raise ValueError(f"{path}: stations must ascend in x")
+        raise ValueError(f"{path}: stations must ascend")
+    return _by_latitude(rows, path) if by_latitude else _across_x(rows, path)
+
+
+def _across_x(rows: FloatArray, path: Path) -> FloatArray:
+    centres, radii = rows[:, None, :3], rows[:, 3:]
     if radii[[0, -1]].any() or not (radii[1:-1] > 0).all():
         raise ValueError(f"{path}: radii must be zero in the first and last row only")
     angle = np.arange(radii.shape[1]) * (2 * np.pi / radii.shape[1])
     spokes = np.stack([np.zeros_like(angle), np.cos(angle), np.sin(angle)], axis=1)
     return centres + radii[..., None] * spokes
+
+
+def _by_latitude(rows: FloatArray, path: Path) -> FloatArray:
+    latitude, radii = np.radians(rows[:, :1]), rows[:, 1:]
+    poles = radii[[0, -1]]
+    if (rows[[0, -1], 0] != [-90, 90]).any() or (poles != poles[:, :1]).any():
+        raise ValueError(f"{path}: the first and last row must be the poles, each with one radius")
+    if not (radii > 0).all():
+        raise ValueError(f"{path}: radii must be positive")
+    longitude = np.arange(radii.shape[1]) * (2 * np.pi / radii.shape[1])
+    across = radii * np.cos(latitude)
+    across[[0, -1]] = 0.0  # The cosine of 90 degrees is not quite 0.
+    places = across * np.cos(longitude), across * np.sin(longitude), radii * np.sin(latitude)
+    return np.stack(places, axis=-1)
 
 
 def loft(sections: FloatArray) -> trimesh.Trimesh:
@@ -204,12 +287,20 @@ def balance(mesh: trimesh.Trimesh, surface: trimesh.Trimesh) -> None:
     mesh.vertices = mesh.vertices + np.asarray(move)[:, None] * mesh.vertex_normals
 
 
-def build_mesh(sections: FloatArray) -> trimesh.Trimesh:
-    """The shipped mesh: 4,000 facets, outward, km, origin at its centre of mass."""
+def build_mesh(
+    sections: FloatArray, cap: int = KLEOPATRA.cap, band: int = KLEOPATRA.band
+) -> trimesh.Trimesh:
+    """The shipped mesh: outward, km, origin at its centre of mass.
+
+    Args:
+        sections: (S, A, 3), from `read_sections`.
+        cap: of the net, as of `geodesic_capsule`; it has 10 cap (cap + band) facets.
+        band: likewise.
+    """
     import trimesh  # It is slow to import, so only when it is needed.
 
     surface = loft(sections)
-    ring, azimuth, faces = geodesic_capsule(CAP, BAND)
+    ring, azimuth, faces = geodesic_capsule(cap, band)
 
     # Rings start evenly spaced by distance along the surface, the mean over the azimuths.
     points = np.concatenate([sections, sections[:, :1]], axis=1)  # azimuth 360 degrees is 0
@@ -226,28 +317,40 @@ def build_mesh(sections: FloatArray) -> trimesh.Trimesh:
     return mesh
 
 
-def write_obj(mesh: trimesh.Trimesh, path: Path) -> None:
-    """Write vertices (km, to 1 cm) and facets as a Wavefront OBJ file."""
+def write_obj(mesh: trimesh.Trimesh, path: Path, header: str = KLEOPATRA.header) -> None:
+    """Write a header, vertices (km, to 1 cm) and facets as a Wavefront OBJ file."""
     vertices = "".join(f"v {x:.5f} {y:.5f} {z:.5f}\n" for x, y, z in mesh.vertices)
     faces = "".join(f"f {a} {b} {c}\n" for a, b, c in np.asarray(mesh.faces) + 1)
-    path.write_text(HEADER + vertices + faces, encoding="ascii", newline="\n")
+    path.write_text(header + vertices + faces, encoding="ascii", newline="\n")
 
 
 def main() -> None:
-    """Rebuild the shipped mesh beside its table and print how it compares with the loft."""
+    """Rebuild the meshes that are named, or all, and print how they compare with their lofts."""
+    for name in sys.argv[1:] or FIGURES:
+        _rebuild(name)
+
+
+def _rebuild(name: str) -> None:
+    """Rebuild a mesh beside its table and print how it compares with the loft."""
     import trimesh  # It is slow to import, so only when it is needed.
 
-    sections = read_sections()
+    figure = FIGURES[name]
+    sections = read_sections(figure.table)
     surface = loft(sections)
-    write_obj(build_mesh(sections), MESH)
-    mesh = trimesh.load_mesh(MESH, process=False)
+    write_obj(build_mesh(sections, figure.cap, figure.band), figure.mesh, figure.header)
+    mesh = trimesh.load_mesh(figure.mesh, process=False)
     to_loft, from_loft = _distances(mesh, surface), _distances(surface, mesh)
+    sizes = " x ".join(f"{size:.4g}" for size in mesh.extents)
+    edges = mesh.edges_unique_length
+    print(f"{name}: {figure.mesh}")
     print(f"facets                    {len(mesh.faces)}, Euler number {mesh.euler_number}")
     print(f"watertight and outward    {mesh.is_volume}")
     print(f"smallest angle            {np.degrees(mesh.face_angles.min()):.1f} deg")
-    for name, d in (("mesh to loft", to_loft), ("loft to mesh", from_loft)):
-        print(f"{name}, rms and worst  {np.sqrt(np.mean(d**2)):.3f}, {d.max():.2f} km")
-    print(f"volume over the loft's    {mesh.volume / surface.volume:.5f} ({mesh.volume:,.0f} km3)")
+    print(f"edges                     {edges.min():.3g} to {edges.max():.3g} km")
+    for title, d in (("mesh to loft", to_loft), ("loft to mesh", from_loft)):
+        print(f"{title}, rms and worst  {np.sqrt(np.mean(d**2)):.3g}, {d.max():.2g} km")
+    print(f"extents                   {sizes} km")
+    print(f"volume over the loft's    {mesh.volume / surface.volume:.5f} ({mesh.volume:,.6g} km3)")
     print(f"centre of mass off by     {1e3 * _length(mesh.center_mass):.3f} m")
 
 

@@ -19,7 +19,14 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainin
 from rich.table import Table
 
 from proxops.assets import ASSETS
-from proxops.diagrams.scenario import Body, Scenario, dotted, given_keys, scenario_remarks
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    dotted,
+    given_keys,
+    scenario_remarks,
+    shipped_scenarios,
+)
 from proxops.systems.common import InputError, Progress
 
 SHIPPED = {
@@ -55,19 +62,24 @@ def complete_change(incomplete: str) -> list[str]:
 
 
 def _scenario_file(path: Path | None) -> Path | None:
-    """Says what may have been meant where a name stands in place of a scenario's file."""
-    name = "" if path is None or path.exists() else str(path)
+    """Says what may have been meant where a name is none of a scenario that ships."""
+    known = path is None or path.exists() or str(path) in shipped_scenarios()
+    name = "" if known else str(path)
     meant = [f"--set {key}={name}" for key, names in SHIPPED.items() if name in names]
     if name.partition(":")[0].partition(",")[0] in _CONTROLLERS:
         meant.append(f"--controller {name} (of evaluate: --controllers)")
     if meant:
-        raise InputError(f"there is no scenario file {name}: did you mean {' or '.join(meant)}?")
+        raise InputError(f"there is no scenario {name}: did you mean {' or '.join(meant)}?")
     return path
 
 
 ScenarioFile = typing.Annotated[
     Path | None,
-    typer.Argument(help="Scenario file (YAML). Default: Kleopatra.", callback=_scenario_file),
+    typer.Argument(
+        help="Scenario file (YAML), or a scenario that ships: "
+        f"{', '.join(shipped_scenarios())}. Default: Kleopatra.",
+        callback=_scenario_file,
+    ),
 ]
 """The argument of all commands that fly a scenario."""
 Processes = typing.Annotated[

@@ -86,6 +86,8 @@ def fly_command(
 
       proxops fly
 
+      proxops fly bennu --controller hybrid
+
       proxops fly --transit 1 --set spacecraft.mass_kg=120 --out out/heavy
 
       proxops fly --dispersions after_survey --controller policy --seed 10000

@@ -62,7 +62,7 @@ FramesNetwork = Annotated[
 def reproduce_command(
     names: CampaignNames = None,
     scenario: Annotated[
-        Path | None, typer.Option(help="Scenario file (YAML). Default: Kleopatra.")
+        Path | None, typer.Option(help="Scenario file (YAML), or its name. Default: Kleopatra.")
     ] = None,
     quick: Annotated[
         bool,

@@ -26,6 +26,7 @@ from proxops.diagrams.scenario.scenario import (
     dump_scenario,
     load_scenario,
     parse_scenario,
+    shipped_scenarios,
 )
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import (
@@ -142,6 +143,7 @@ __all__ = [
     "parse_scenario",
     "scenario_remarks",
     "scenario_transit",
+    "shipped_scenarios",
     "solids_of",
     "spin_axes",
     "turns_the_axes",

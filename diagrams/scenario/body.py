@@ -170,7 +170,7 @@ def load_body(name_or_path: str | Path) -> Body:
                 p.parent.name for p in ASSETS.glob("*/*.yaml") if p.stem == p.parent.name
             )
             raise InputError(
-                f"body {name_or_path!r} does not ship with proxops ({', '.join(known)} does); "
+                f"body {name_or_path!r} does not ship with proxops ({', '.join(known)} do); "
                 "for another body give the path of its .yaml file"
             )
         path = shipped

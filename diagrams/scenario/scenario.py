@@ -2,9 +2,11 @@
 
 import copy
 import functools
+import os
 import typing
 from pathlib import Path
 
+from proxops.assets import ASSETS
 from proxops.diagrams.scenario.dispersions import loaded_dispersions
 from proxops.diagrams.scenario.keys import (
     Overrides,
@@ -18,12 +20,18 @@ from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.typed_yaml import (
     dump_typed,
+    is_yaml_path,
     load_typed,
     parse_mapping,
     read_mapping,
     tree_of,
 )
 from proxops.systems.common import InputError
+
+
+def shipped_scenarios() -> dict[str, Path]:
+    """Gives the files of the scenarios that ship, by their names."""
+    return {path.parent.name: path for path in sorted(ASSETS.glob("*/scenario.yaml"))}
 
 
 def load_scenario(
@@ -36,12 +44,12 @@ def load_scenario(
 ) -> Scenario:
     """Reads a scenario: the defaults, changed by a file, if any, and then by the overrides.
 
-    For instance `load_scenario(transit=3, dispersions="after_survey")`, or
-    `load_scenario("visit.yaml", **{"spacecraft.mass_kg": 120})`.
+    For instance `load_scenario(transit=3, dispersions="after_survey")`, `load_scenario("bennu")`,
+    or `load_scenario("visit.yaml", **{"spacecraft.mass_kg": 120})`.
 
     Args:
-      path: YAML file with the values that differ from the defaults; None: no file. A path in it is
-        relative to its folder.
+      path: YAML file with the values that differ from the defaults, or the name of a scenario that
+        ships; None: no file. A path in it is relative to its folder.
       overrides: texts `key.subkey=value` with the value in YAML, or a mapping of such keys to
         values. A path among them is relative to the working directory.
       transit: number of the transit, `transit.index`.
@@ -50,9 +58,9 @@ def load_scenario(
       values: more overrides, by their keys.
 
     Raises:
-      InputError: the file cannot be read or is not YAML, a key is unknown (the message gives the
-        nearest valid one), a value has the wrong type or is beyond its limits, or an override
-        gives a value that the scenario's dispersions draw for each flight.
+      InputError: no such scenario ships, the file cannot be read or is not YAML, a key is unknown
+        (the message gives the nearest valid one), a value has the wrong type or is beyond its
+        limits, or an override gives a value that the scenario's dispersions draw for each flight.
     """
     if not isinstance(path, str | Path | None):
         raise InputError(
@@ -63,9 +71,11 @@ def load_scenario(
     if transit is not None:
         overrides["transit.index"] = transit
     source = "scenario" if path is None else str(path)
-    tree = {} if path is None else read_mapping(Path(path))
     if path is not None:
-        make_paths_absolute(tree, Path(path).parent)
+        path = _file_of(path)
+    tree = {} if path is None else read_mapping(path)
+    if path is not None:
+        make_paths_absolute(tree, path.parent)
     _change(tree, overrides)
     if on_true_state:
         tree.setdefault("navigation", {"_tag": "!TrueState"})
@@ -73,6 +83,20 @@ def load_scenario(
     check_scenario(scenario, source)
     _check_not_drawn(scenario, overrides)
     return scenario
+
+
+def _file_of(name_or_path: str | Path) -> Path:
+    """Gives the file of a scenario that ships under a name, or the path that was given."""
+    shipped, path = shipped_scenarios(), Path(name_or_path)
+    if str(name_or_path) in shipped:
+        return shipped[str(name_or_path)]
+    # Unlike this, Path.exists raises if a name is too long.
+    if not is_yaml_path(name_or_path) and not os.path.exists(path):  # noqa: PTH110
+        raise InputError(
+            f"scenario {str(name_or_path)!r} does not ship with proxops ({', '.join(shipped)} do); "
+            "for your own, give the path of its .yaml file"
+        )
+    return path
 
 
 def dump_scenario(scenario: Scenario) -> str:

@@ -150,7 +150,10 @@ def test_help_fits_80_columns(
         ("navigation=T", ["navigation=TrueState"]),
         ("log_ranges=", ["log_ranges=true", "log_ranges=false"]),
         ("dispersions=b", ["dispersions=before_survey"]),
-        ("body=", ["body=kleopatra"]),
+        (
+            "body=",
+            [f"body={name}" for name in ("bennu", "didymos", "kleopatra", "ryugu", "toutatis")],
+        ),
         ("lidar.plan", ["lidar.planes="]),
         ("nothing", []),
     ],
@@ -168,7 +171,7 @@ def test_controllers_complete() -> None:
 @pytest.mark.parametrize(
     ("typed", "meant"),
     [
-        (["fly", "kleopatra"], "--set body=kleopatra"),
+        (["fly", "didymos"], "--set body=didymos"),
         (["fly", "after_survey"], "--set dispersions=after_survey"),
         (["evaluate", "mpc"], "--controllers"),
         (["evaluate", "mpc,zero"], "--controller mpc,zero"),

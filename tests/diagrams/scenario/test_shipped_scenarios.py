@@ -1,0 +1,50 @@
+"""Scenarios that ship under a name."""
+
+import numpy as np
+import pytest
+
+from proxops.diagrams.scenario import (
+    draw_transit,
+    load_body,
+    load_scenario,
+    load_spacecraft,
+    scenario_remarks,
+    shipped_scenarios,
+)
+from proxops.systems.common import InputError
+
+# Mean radii in m as published: Lauretta et al. 2019; Watanabe et al. 2019; Toutatis by its volume.
+RADII = {"bennu": 245.0, "ryugu": 448.0, "toutatis": 1223.0}
+CRAFT = {"bennu": "osiris_rex", "ryugu": "hayabusa2", "toutatis": "osiris_rex"}
+
+
+def test_scenarios_ship_under_the_names_of_their_bodies() -> None:
+    assert list(shipped_scenarios()) == ["bennu", "kleopatra", "ryugu", "toutatis"]
+    assert load_scenario("kleopatra") == load_scenario()
+
+
+@pytest.mark.parametrize("name", RADII)
+def test_shipped_scenario_fits_its_body(name: str) -> None:
+    scenario = load_scenario(name, transit=2)
+    assert scenario.body == name
+    assert scenario.transit.index == 2
+    body = load_body(name)
+    assert scenario_remarks(scenario, body) == []
+    drawn = [draw_transit(100, index, scenario, body) for index in range(10)]
+    ends = [end for transit in drawn for end in (transit.start, transit.goal)]
+    far = np.linalg.norm(ends, axis=1) / RADII[name]
+    assert 1.4 < far.min() < 2.5
+    assert 3.0 < far.max() < 6.5
+
+
+@pytest.mark.parametrize("name", RADII)
+def test_spacecraft_is_as_its_model(name: str) -> None:
+    craft, model = load_scenario(name).spacecraft, load_spacecraft(CRAFT[name])
+    assert craft.mass_kg == pytest.approx(model.mass)
+    assert craft.thrust_limit_n == pytest.approx(model.config.thrust_limit_n)
+
+
+@pytest.mark.parametrize("name", ["itokawa", "x" * 300])
+def test_a_scenario_that_does_not_ship(name: str) -> None:
+    with pytest.raises(InputError, match=r"does not ship .*\(bennu, kleopatra, ryugu, toutatis do"):
+        load_scenario(name)
