@@ -191,18 +191,21 @@ def bounds_of_dispersions(dispersions: Dispersions) -> AssuranceBounds:
             )
     body = dispersions.body
     velocity_change = _SPEEDS * dispersions.scenario.spacecraft.speed_limit_m_s
-    mass = _mass(error("truth.mass"), dispersions.ends("truth.specific_impulse_s"), velocity_change)
     bounds = AssuranceBounds(
         gravity=error("truth.gravity"),
         thrust=error("truth.thrusters.scale")
         + _DEVIATIONS * error("truth.rigid_body.thruster_scale_std"),
         thrust_direction_deg=_direction(dispersions),
-        mass=mass,
-        acceleration_m_s2=_acceleration(dispersions) + _sunlight(dispersions, mass),
+        mass=_mass(
+            error("truth.mass"), dispersions.ends("truth.specific_impulse_s"), velocity_change
+        ),
+        acceleration_m_s2=_acceleration(dispersions),
         surface_m=_ROUGHNESS * error("truth.surface_rms_m")
         + 0.5 * float(body.shape.extents.max()) * error("truth.size"),
     )
     check_limits(bounds, dispersions.name or "the scenario's world")
+    # What is left of the mass is now known to be above 0.
+    bounds.acceleration_m_s2 += _sunlight(dispersions, bounds.mass)
     return bounds
 
 

@@ -150,6 +150,8 @@ def test_sunlight_is_bounded(tmp_path: Path) -> None:
     path = write(tmp_path, "truth.mass: {uniform: [0.5, 1.0]}\n")
     bounds = bounds_of(f"assurance={{bounds: {path}}}", sun)
     assert bounds.acceleration_m_s2 == pytest.approx(2.0 * light + tide)
+    with pytest.raises(InputError, match="mass must be below 1"):
+        bounds_of("assurance={}", "truth.mass=2", sun)
     # Bounds that are given hold nothing else, and it is said that there is more.
     scenario = load_scenario(None, ["assurance={bounds: {}}", sun])
     with pytest.warns(UserWarning, match="acceleration_m_s2 0"):
