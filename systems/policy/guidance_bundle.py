@@ -86,8 +86,8 @@ class GuidanceBundle:
         """Gives surroundings as the network is told them: within what it learned.
 
         If the speed limit is low for the thrust, it flies with a part of the thrust: with the
-        acceleration for which the speed limit is the least that it learned. A body that is longest
-        along y is turned.
+        acceleration for which the speed limit is the least that it learned. The network sees K
+        turned so that the body is longest along x; z stays, unless the body is longest along it.
         """
         numbers = around.numbers()
         share = numbers["speed_limit"] / self.ranges["speed_limit"][0]
@@ -95,7 +95,7 @@ class GuidanceBundle:
             around,
             acceleration=around.acceleration * min(1.0, share) ** 2,
             ranges=self.ranges,
-            turned=numbers["semi_axis_x"] < self.ranges["semi_axis_x"][0] * (1.0 - 1e-6),
+            order=_seen_from(around.semi_axes, 1e-6),
         )
 
     def thrust_short(self, numbers: dict[str, float]) -> float:
@@ -111,14 +111,16 @@ class GuidanceBundle:
 
         Those across z must be long against that along z, and none may be far shorter than another.
         """
-        swap = [1, 0, 2] if around.turned else [0, 1, 2]
-        axes = around.semi_axes[swap]
+        order = list(around.order)
+        axes = around.semi_axes[order]
         share = around.length / axes.max()
         least, greatest = np.transpose([self._flown(name) for name in NUMBERS[:3]])
         longest = np.max(axes / np.minimum(share * greatest, 1.0))
         wanted = np.maximum(axes, share * longest * least)
         wanted[0] = longest
-        return (wanted - axes)[swap]
+        short = np.empty(3)
+        short[order] = wanted - axes
+        return short
 
     def period_flown(self, around: Surroundings) -> float:
         """The longest control period in s that is flown."""
@@ -152,3 +154,14 @@ def load_policy(folder: Path) -> PolicyBundle | GuidanceBundle:
     """
     kind = GuidanceBundle if (folder / GUIDANCE_BUNDLE.file).exists() else PolicyBundle
     return kind.load(folder)
+
+
+def _seen_from(semi_axes: Vector3, equal: float) -> tuple[int, int, int]:
+    """The axes of K in the order in which a network sees them: see `Surroundings.order`.
+
+    `equal` is a share by which lengths may differ that count as one.
+    """
+    x, y, z = semi_axes.tolist()
+    if z > (1.0 + equal) * max(x, y):
+        return (2, 0, 1) if y <= x else (2, 1, 0)
+    return (1, 0, 2) if x < (1.0 - equal) * y else (0, 1, 2)

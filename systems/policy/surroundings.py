@@ -59,8 +59,9 @@ class Surroundings:
     """In m/s^2: that which sets the expert's price of time, and so its pace."""
     ranges: Mapping[str, tuple[float, float]] | None = None
     """Least and greatest value of each of `numbers` that a network is told; None: as they are."""
-    turned: bool = False
-    """Whether the network sees K turned by a quarter about z, so that K's y-axis is its x-axis."""
+    order: tuple[int, int, int] = (0, 1, 2)
+    """The axes of K along which x, y and z of the network lie, y backwards if the order is odd: so
+    the network's axes are K's, turned."""
 
     def __post_init__(self):
         """Checks the numbers."""
@@ -101,8 +102,7 @@ class Surroundings:
         `pace`, the nominal acceleration over a.
         """
         length, time = self.length, self.time
-        x, y, z = (float(axis) / length for axis in self.semi_axes)
-        x, y = (y, x) if self.turned else (x, y)
+        x, y, z = (float(self.semi_axes[axis]) / length for axis in self.order)
         gravity = GRAVITATIONAL_CONSTANT * self.mass / (length**2 * self.acceleration)
         turn = float(np.linalg.norm(self._spin.rate)) * time
         speed = self.speed_limit / self.speed
@@ -148,21 +148,30 @@ class Surroundings:
         units = _Units(self.length, self.speed, self.acceleration)
         rate, change = self._spin.angular_velocity(time), self._spin.angular_acceleration(time)
         turning = (*rate.tolist(), *change.tolist())
-        _fill_way(states, goals, gravity, turning, units, self.turned, given)
+        _fill_way(states, goals, gravity, turning, units, self.order, given)
 
     def in_body_frame(self, x: float, y: float, z: float) -> Vector3:
         """Gives a vector of the network as (3,) in K."""
-        return np.array([-y, x, z] if self.turned else [x, y, z])
+        vector = np.empty(3)
+        vector[list(self.order)] = x, _backwards(*self.order) * y, z
+        return vector
+
+
+@kernel(error_model="numpy", forceinline=True)
+def _backwards(i, j, k):
+    """1 for an even order of three axes, -1 for an odd one."""
+    return 1.0 if (j - i) % 3 == 1 else -1.0
 
 
 @kernel(error_model="numpy")
-def _fill_way(states, goals, gravity, turning, units, turned, given):
+def _fill_way(states, goals, gravity, turning, units, order, given):
     """Fills twelve columns: state and goal, and acceleration without thrust, in their units.
 
     `turning` are w and its derivative, six numbers in rad/s and rad/s^2.
     """
     length, speed, acceleration = units
     a, b, c, d, e, f = turning
+    sign = _backwards(order[0], order[1], order[2])
     for k in range(len(states)):
         x, y, z, v_x, v_y, v_z = states[k]
         for axis in range(3):
@@ -178,7 +187,8 @@ def _fill_way(states, goals, gravity, turning, units, turned, given):
         given[k, 9] = (gravity[k, 0] + along_x) / acceleration
         given[k, 10] = (gravity[k, 1] + along_y) / acceleration
         given[k, 11] = (gravity[k, 2] + along_z) / acceleration
-        if turned:
-            for first in range(0, 12, 3):
-                along_x, along_y = given[k, first], given[k, first + 1]
-                given[k, first], given[k, first + 1] = along_y, -along_x
+        for first in range(0, 12, 3):
+            along = (given[k, first], given[k, first + 1], given[k, first + 2])
+            given[k, first] = along[order[0]]
+            given[k, first + 1] = sign * along[order[1]]
+            given[k, first + 2] = along[order[2]]

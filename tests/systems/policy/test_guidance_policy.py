@@ -205,15 +205,24 @@ def test_what_it_says_of_the_control_period_is_enough(bundle: Path) -> None:
     GuidancePolicy(bundle, dataclasses.replace(told, period=0.999 * longest), 7.0)
 
 
-def test_a_body_that_is_longest_along_y_is_flown_like_one_along_x(bundle: Path) -> None:
-    """A body and a flight that are turned by a quarter about z get forces that are turned."""
-    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+@pytest.mark.parametrize(
+    "turn",
+    [
+        [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],  # Longest along y.
+        [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]],  # Along z, and shortest along y.
+        [[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]],  # Along z, and shortest along x.
+    ],
+)
+def test_a_body_is_flown_alike_however_it_lies_in_k(turn: list, bundle: Path) -> None:
+    """A body, its spin and a flight that are turned get forces that are turned."""
+    turn = np.array(turn)
     told = surroundings(short_scenario(), kleopatra())
     shape = kleopatra().shape
     turned = dataclasses.replace(
         told,
         field=GravityField(Polyhedron(shape.vertices @ turn.T, shape.facets), mass=told.mass),
-        semi_axes=told.semi_axes[[1, 0, 2]],
+        semi_axes=np.abs(turn) @ told.semi_axes,
+        spin=turn @ kleopatra().spin.rate,
     )
     state, target = np.array([170e3, 2e4, 1e4, 1.0, -9.0, 2.0]), np.array([5e4, 1e5, -2e4, 0, 0, 0])
     forces = []
