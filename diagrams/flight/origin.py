@@ -11,6 +11,7 @@ from pathlib import Path
 from proxops.diagrams.flight.named_controllers import bundle_of, controller_files
 from proxops.diagrams.scenario import (
     Body,
+    BodyConfig,
     LearnedLidarConfig,
     LidarNavigationConfig,
     Scenario,
@@ -71,7 +72,7 @@ def provenance(scenario: Scenario, body: Body, controller: str) -> Provenance:
 
 def body_sha256(body: Body) -> str:
     """Gives the SHA-256 hash of a body's constants and shape."""
-    constants = dump_typed(body.config)
+    constants = dump_typed(body.config, BodyConfig())
     return hashlib.sha256((constants + body.shape.sha256).encode()).hexdigest()
 
 

@@ -227,7 +227,7 @@ def make_dataset(
             "title": f"proxops flight near {body.config.name}",
             "scenario": text,
             "scenario_sha256": hashlib.sha256(text.encode()).hexdigest(),
-            "body": dump_typed(body.config),
+            "body": dump_typed(body.config, BodyConfig()),
             "shape_sha256": body.shape.sha256,
             **attributes,
         },

@@ -59,9 +59,12 @@ def tree_of(config: typing.Any) -> dict[str, typing.Any]:
     return found
 
 
-def dump_typed(config: typing.Any) -> str:
-    """Gives a dataclass as YAML; `parse_mapping` and `load_typed` make an equal one from it."""
-    text = yaml_dump_typed(config, schema=type(config))
+def dump_typed(config: typing.Any, defaults: typing.Any = None) -> str:
+    """Gives a dataclass as YAML; `parse_mapping` and `load_typed` make an equal one from it.
+
+    What is as in `defaults`, of the same type, is left out.
+    """
+    text = yaml_dump_typed(config, schema=type(config), defaults=defaults)
     assert text is not None  # pydrake returns None only if it writes to a file.
     if any(map(needs_quotes, _texts(dc.asdict(config)))):
         # pydrake writes them for YAML 1.1, in which a text such as 1e3 needs no quotes.

@@ -103,7 +103,6 @@ REFUSED: list[tuple[Callable[..., Any], str, tuple[Any, ...]]] = [
     (VelocityKicks, "velocity_std", (-1.0, INF)),
     (VelocityKicks, "mean_interval", (5.0, NAN)),
     (attitude_error, "constant", ((0.0, INF, 0.0),)),
-    (attitude_error, "true_spin", ((0.0, 0.0),)),
     (attitude_error, "seed", (0.5,)),
     (force_noise, "thrust_limit", (0.0, NAN)),
     (force_noise, "correlation_time", (-1.0,)),
