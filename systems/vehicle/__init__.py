@@ -72,7 +72,12 @@ from proxops.systems.vehicle.state_prediction import (
     runge_kutta_step,
     unexplained_acceleration,
 )
-from proxops.systems.vehicle.sunlight import Sunlight, SunlightConfig, greatest_sunlight
+from proxops.systems.vehicle.sunlight import (
+    Sunlight,
+    SunlightConfig,
+    greatest_sunlight,
+    light_acceleration,
+)
 from proxops.systems.vehicle.thrusters import Thrusters
 from proxops.systems.vehicle.velocity_kicks import KicksConfig, VelocityKicks
 
@@ -119,6 +124,7 @@ __all__ = [
     "gauss_markov_at",
     "greatest_sunlight",
     "hermite_curve",
+    "light_acceleration",
     "moved_by",
     "phase_vector",
     "predicted_state",
