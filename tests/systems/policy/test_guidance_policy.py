@@ -206,16 +206,16 @@ def test_what_it_says_of_the_control_period_is_enough(bundle: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "turn",
+    "rows",
     [
         [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],  # Longest along y.
         [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]],  # Along z, and shortest along y.
         [[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]],  # Along z, and shortest along x.
     ],
 )
-def test_a_body_is_flown_alike_however_it_lies_in_k(turn: list, bundle: Path) -> None:
+def test_a_body_is_flown_alike_however_it_lies_in_k(rows: list, bundle: Path) -> None:
     """A body, its spin and a flight that are turned get forces that are turned."""
-    turn = np.array(turn)
+    turn = np.array(rows)
     told = surroundings(short_scenario(), kleopatra())
     shape = kleopatra().shape
     turned = dataclasses.replace(
