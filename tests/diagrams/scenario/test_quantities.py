@@ -26,6 +26,7 @@ SPREADS = {
     "truth.density_contrast": "{uniform: [0, 0.01]}",
     "truth.surface_rms_m": "{uniform: [0, 30]}",
     "disturbance.max_relative_magnitude": "{uniform: [0, 1]}",
+    "truth.tumbles": "{choice: [true, false]}",
 }
 
 
