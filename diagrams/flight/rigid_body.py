@@ -41,11 +41,12 @@ from proxops.systems.attitude import (
 from proxops.systems.common import (
     InputError,
     Quaternion,
+    Vector3,
     quaternion_of,
     quaternion_product,
     vector_of,
 )
-from proxops.systems.rotation import BodyRotation, TorqueFreeSpin
+from proxops.systems.rotation import BodyRotation, SpinModel, TorqueFreeSpin
 from proxops.systems.vehicle import (
     FreshHold,
     RigidBodyStart,
@@ -70,13 +71,13 @@ def add_rigid_spacecraft(wiring: Wiring) -> RigidSpacecraft:
     settings, truth = scenario.spacecraft, scenario.truth
     assert isinstance(settings, RigidBodyConfig)
     model = load_spacecraft(settings.model)
-    share, spin = truth.mass * settings.mass, world.true_body.spin
+    share = truth.mass * settings.mass
     inertia = share * truth.rigid_body.inertia * model.inertia
     wheels = model.wheels
     craft = RigidSpacecraft(
         share * model.mass,
         inertia,
-        None if isinstance(spin, TorqueFreeSpin) else spin.rate,
+        steady_rate(world.true_body.spin),
         _start(wiring),
         world.true_body.axis_point,
         None if wheels is None else wheels.axes,
@@ -87,6 +88,11 @@ def add_rigid_spacecraft(wiring: Wiring) -> RigidSpacecraft:
     if wheels is not None:
         wiring.logged["wheel_momentum"] = craft.GetOutputPort("wheel_momentum")
     return wiring.add("spacecraft", craft, **rotation_of(wiring, craft))
+
+
+def steady_rate(spin: SpinModel) -> Vector3 | None:
+    """What a spacecraft is made with: w (3,) in rad/s if it is constant; None: by its ports."""
+    return None if isinstance(spin, TorqueFreeSpin) else spin.rate
 
 
 def rotation_of(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> Signals:

@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem, OutputPort
 from pydrake.systems.primitives import Adder
 
-from proxops.diagrams.flight.rigid_body import add_rigid_spacecraft, rotation_of
+from proxops.diagrams.flight.rigid_body import add_rigid_spacecraft, rotation_of, steady_rate
 from proxops.diagrams.flight.scenario_systems import make_events, make_lidar
 from proxops.diagrams.flight.wiring import (
     ACCELERATION_STREAM,
@@ -36,7 +36,6 @@ from proxops.systems import (
     VelocityKicks,
 )
 from proxops.systems.gravity import Moons
-from proxops.systems.rotation import TorqueFreeSpin
 from proxops.systems.vehicle import Thrusters
 
 
@@ -45,9 +44,8 @@ def add_spacecraft(wiring: Wiring) -> Spacecraft | RigidSpacecraft:
     if wiring.scenario.is_rigid:
         return add_rigid_spacecraft(wiring)
     scenario, transit, true_body = wiring.scenario, wiring.world.transit, wiring.world.true_body
-    spin = true_body.spin
-    rate = None if isinstance(spin, TorqueFreeSpin) else spin.rate
-    if rate is not None and spin.about_z and not true_body.axis_point.any():
+    rate = steady_rate(true_body.spin)
+    if rate is not None and true_body.spin.about_z and not true_body.axis_point.any():
         rate = float(rate[2])
     craft = Spacecraft(
         scenario.truth.mass * scenario.spacecraft.mass_kg,

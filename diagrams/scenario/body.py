@@ -12,6 +12,7 @@ from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, read_
 from proxops.systems.common import (
     InputError,
     Matrix3,
+    Values,
     Vector3,
     Vectors3,
     check_limits,
@@ -31,6 +32,8 @@ from proxops.systems.shapes import Polyhedron, mass_properties
 # The least and the greatest semi-axis (m) of a keep-out ellipsoid.
 _AXES = (1e-3, 1e9)
 _LONGEST_NAME = 200
+# Turns of a body over which its rotation is looked at, and at how many times.
+_TURNS, _TIMES = 20.0, 2001
 _REQUIRED = (
     "name", "mesh", "mesh_unit", "mass_kg", "rotation_period_h", "keep_out_semi_axes_m",
 )  # fmt: skip
@@ -87,8 +90,12 @@ class Body:
         """The mean rate in rad/s about z: that of the steady spin about z that is the nearest."""
         if self.spin.about_z:
             return float(self.spin.rate[2])
-        times = np.linspace(0.0, 20.0 * 2.0 * np.pi / self.spin_rate, 2001)
-        return float(self.spin.angular_velocity(times)[:, 2].mean())
+        return float(self.spin.angular_velocity(self.times_of_turns)[:, 2].mean())
+
+    @property
+    def times_of_turns(self) -> Values:
+        """Times in s over many turns, at which the rotation as a whole is looked at."""
+        return np.linspace(0.0, _TURNS * 2.0 * np.pi / self.spin_rate, _TIMES)
 
     def inertia_of(self, shape: Polyhedron) -> Matrix3:
         """The inertia (3, 3) of a body of a shape, up to a factor, about its centre of mass in K.

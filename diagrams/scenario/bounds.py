@@ -42,8 +42,6 @@ _WORLDS, _PLACES, _GAPS = 6, 300, 1.25
 # The rotation's errors are bounded up to this distance, in units of the longest semi-axis of the
 # keep-out ellipsoid.
 _FAR = 2.0
-# Turns of a body over which its rotation is looked at, and at how many times.
-_TURNS, _TIMES = 20.0, 2001
 # A surface that is too rough for the mesh is tried with half the roughness, so often.
 _MOST_HALVINGS = 6
 
@@ -78,7 +76,7 @@ def tumbling(body: Body, speed: float) -> float:
     """
     if body.spin.about_z:
         return 0.0
-    times = np.linspace(0.0, _TURNS * 2.0 * np.pi / body.spin_rate, _TIMES)
+    times = body.times_of_turns
     rates = body.spin.angular_velocity(times)
     change = float(np.linalg.norm(body.spin.angular_acceleration(times), axis=1).max())
     size = float(np.linalg.norm(rates, axis=1).max())
