@@ -13,9 +13,11 @@ from proxops.systems.shapes.polyhedron import Polyhedron
 # Facets, by nearness of their centroids, among which the nearest point of the map is looked for.
 _CANDIDATES = 8
 _ITERATIONS = 100
-# Steps, as shares of the body's length: small enough to stop, and too great to call the end one.
-_SMALL = 1e-9
-_UNSETTLED = 1e-4
+# A step is small enough to stop if it is below this share of the body's length, or if the distances
+# have not become less in as many steps: then points change from one plane to the next and back.
+_SMALL, _PATIENCE = 1e-9, 10
+# More facets than this are thinned, evenly: they say no more of six numbers.
+_ENOUGH = 3_000
 
 
 @one_thread()
@@ -26,7 +28,7 @@ def registered(mesh: Polyhedron, onto: Polyhedron) -> Polyhedron:
     least in squares: Chen & Medioni, Image Vis. Comput. 10 (1992) 145. The start may be off by
     5 % of the body's length and 5 degrees. Of a body of revolution the rotation about its axis may
     be any. The result depends on the two meshes alone. It ends when a step is below 1e-9 of the
-    body's length, or after 100 steps if the last is below 1e-4 of it.
+    body's length, or when the distances have not become less in ten.
 
     Args:
       mesh: the mesh to move.
@@ -37,25 +39,28 @@ def registered(mesh: Polyhedron, onto: Polyhedron) -> Polyhedron:
     """
     tree = KDTree(onto.vertices[onto.facets].mean(axis=1))
     size, middle = onto.extents.max(), onto.centre_of_mass
-    root = np.sqrt(areas(mesh.vertices, mesh.facets))
-    vertices = mesh.vertices
-    step = np.inf
+    facets = mesh.facets[:: -(-len(mesh.facets) // _ENOUGH)]
+    root = np.sqrt(areas(mesh.vertices, facets))
+    vertices = best = mesh.vertices
+    least, since = np.inf, 0
     for _ in range(_ITERATIONS):
-        points = vertices[mesh.facets].mean(axis=1)
+        points = vertices[facets].mean(axis=1)
         normals, heights = _nearest_planes(onto, tree, points)
+        squares, since = float(np.sum((heights * root) ** 2)), since + 1
+        if squares < least:
+            best, least, since = vertices, squares, 0
+        if since == _PATIENCE:
+            return Polyhedron(best, mesh.facets, mesh.name)
         rows = np.hstack([normals, np.cross((points - middle) / size, normals)])
         fit, *_ = np.linalg.lstsq(rows * root[:, None], -heights * root)
         turn = Rotation.from_rotvec(fit[3:] / size)
         vertices = middle + turn.apply(vertices - middle) + fit[:3]
-        step = np.linalg.norm(fit) / size
-        if step < _SMALL:
-            break
-    if not step < _UNSETTLED:
-        raise InputError(
-            f"{mesh.name} finds no place on {onto.name}: are they meshes of the same body, turned "
-            "by less than 5 degrees?"
-        )
-    return Polyhedron(vertices, mesh.facets, mesh.name)
+        if np.linalg.norm(fit) < _SMALL * size:
+            return Polyhedron(vertices, mesh.facets, mesh.name)
+    raise InputError(
+        f"{mesh.name} finds no place on {onto.name}: are they meshes of the same body, turned "
+        "by less than 5 degrees?"
+    )
 
 
 def _nearest_planes(
