@@ -27,7 +27,7 @@ from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.common import InputError, check_limits, spread_directions, values_in_words
 from proxops.systems.gravity import GravityField, greatest_tide
 from proxops.systems.navigation import LidarNavigationConfig
-from proxops.systems.shapes import Polyhedron, displaced
+from proxops.systems.shapes import HEIGHT, Polyhedron, displaced
 from proxops.systems.vehicle import STANDARD_GRAVITY, greatest_sunlight
 
 # What has a normal distribution at each time, such as a Gauss-Markov process, has no end. It is
@@ -199,6 +199,7 @@ def bounds_of_dispersions(dispersions: Dispersions) -> AssuranceBounds:
         ),
         acceleration_m_s2=_acceleration(dispersions),
         surface_m=_ROUGHNESS * error("truth.surface_rms_m")
+        + HEIGHT * error("truth.boulders.widest_m")
         + 0.5 * float(body.shape.extents.max()) * error("truth.size"),
     )
     check_limits(bounds, dispersions.name or "the scenario's world")

@@ -43,6 +43,14 @@ QUANTITIES = (
         needs="truth.surface_rms_m",
     ),
     Quantity("truth.surface_seed", bounds=HARMLESS, needs="truth.surface_rms_m"),
+    Quantity("truth.boulders.widest_m", 0.0, "relief_rms_m", "surface_m"),
+    Quantity("truth.boulders.index", bounds=HARMLESS, needs="truth.boulders.widest_m"),
+    Quantity("truth.boulders.crater_widest_m", 0.0, "relief_rms_m", HARMLESS),
+    Quantity(
+        "truth.boulders.crater_index", bounds=HARMLESS, needs="truth.boulders.crater_widest_m"
+    ),
+    Quantity("truth.boulders.narrowest_m", tunes="relief_correlation_m", bounds=HARMLESS),
+    Quantity("truth.boulders.seed", bounds=HARMLESS),
     Quantity("truth.spin", 1.0, "spin", "acceleration_m_s2"),
     Quantity("truth.tumbles"),
     Quantity("truth.pole_deg", 0.0, "pole_deg", "acceleration_m_s2"),

@@ -18,6 +18,7 @@ from proxops.systems.hybrid import HybridConfig
 from proxops.systems.lidar import LearnedLidarConfig, LidarConfig, LidarGeometry, TrueLidarConfig
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.policy import PolicyConfig
+from proxops.systems.shapes import BouldersConfig
 from proxops.systems.vehicle import (
     ArrivalConfig,
     ForceNoiseConfig,
@@ -95,6 +96,7 @@ class TruthConfig:
     surface_rms_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
     surface_correlation_m: float = number(15e3, at_least=1e-3, at_most=FAR, unit="m")
     surface_seed: int = number(0, at_least=0, at_most=_LARGEST_SEED)
+    boulders: BouldersConfig = dc.field(default_factory=BouldersConfig)
     # True spin rate, over the believed one.
     spin: float = number(1.0, at_least=0.0, at_most=1e3)
     # Whether the true body turns as a rigid body without torque, whatever is believed: it tumbles.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
 import functools
+import typing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +17,13 @@ from proxops.diagrams.scenario.transits import Transit, UnflyableWorldError
 from proxops.systems.common import InputError, Vector3, Vectors3
 from proxops.systems.gravity import BodyField, GravityField
 from proxops.systems.rotation import SpinModel, SteadySpin, TorqueFreeSpin
-from proxops.systems.shapes import Polyhedron, displaced, registered
+from proxops.systems.shapes import (
+    BouldersConfig,
+    Polyhedron,
+    displaced,
+    registered,
+    with_boulders,
+)
 
 # A mesh whose size differs from the map's by more than this share of the map's is a mistake, unless
 # the scenario says that it is meant.
@@ -29,9 +37,9 @@ class TrueBody:
     """The body as it is. All vectors are in K, which turns with it."""
 
     shape: Polyhedron
-    """The true surface."""
+    """The true surface, with its boulders."""
     gravity_field: BodyField
-    """Gravity of the true masses."""
+    """Gravity of the true masses; boulders and craters have none."""
     spin: SpinModel
     """How K turns; it is that of the believed body if nothing differs."""
     axis_point: Vector3
@@ -56,7 +64,7 @@ def make_true_body(body: Body, truth: TruthConfig, shape: Polyhedron | None = No
     Args:
       body: the body as believed; its shape is the map.
       truth: how the true body differs.
-      shape: the true surface, if it is known already; None: it is made.
+      shape: the true surface without boulders, if it is known already; None: it is made.
 
     Raises:
       UnflyableWorldError: the displaced surface is not sound.
@@ -71,7 +79,20 @@ def make_true_body(body: Body, truth: TruthConfig, shape: Polyhedron | None = No
         field = GravityField(shape, mass=mass, contrast=truth.density_contrast)
         if shape is not body.shape or truth.density_contrast != 0.0:
             axis_point = field.centre_of_mass
-    return TrueBody(shape, field, _true_spin(body, truth, shape), axis_point)
+    spin = _true_spin(body, truth, shape)
+    return TrueBody(_rocky(shape, truth.boulders), field, spin, axis_point)
+
+
+def _rocky(shape: Polyhedron, boulders: BouldersConfig) -> Polyhedron:
+    """The shape with boulders and craters, if there are any."""
+    if not (boulders.widest_m or boulders.crater_widest_m):
+        return shape
+    return _with_boulders(shape, *dc.astuple(boulders))
+
+
+@functools.lru_cache(maxsize=4)
+def _with_boulders(shape: Polyhedron, *boulders: typing.Any) -> Polyhedron:
+    return with_boulders(shape, BouldersConfig(*boulders))
 
 
 def _true_spin(body: Body, truth: TruthConfig, shape: Polyhedron) -> SpinModel:

@@ -22,7 +22,7 @@ from proxops.systems.attitude import settled_noise
 from proxops.systems.common import LONG, InputError, limits_of
 from proxops.systems.gravity import GravityField, greatest_tide
 from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig, shift_of_centre
-from proxops.systems.shapes import Polyhedron
+from proxops.systems.shapes import BouldersConfig, Polyhedron, relief_of
 from proxops.systems.vehicle import (
     STANDARD_GRAVITY,
     ForceNoiseConfig,
@@ -31,6 +31,7 @@ from proxops.systems.vehicle import (
     greatest_sunlight,
 )
 
+_Drawn = ForceNoiseConfig | KicksConfig | RandomWalkDisturbanceConfig | BouldersConfig
 _Section = TypeVar("_Section", ForceNoiseConfig, KicksConfig, RandomWalkDisturbanceConfig)
 
 # The default of surface_correlation_m is for this greatest extent in m, Kleopatra's.
@@ -81,6 +82,9 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
             setattr(errors, name, math.hypot(*found))
     # Most worlds have a smoother surface, but some one that is nearly as rough.
     errors.surface_rms_m *= _ROUGHER
+    boulders = BouldersConfig(**_drawn(dispersions, "truth.boulders", BouldersConfig()))
+    errors.relief_rms_m, correlation = relief_of(boulders, body.shape)
+    errors.relief_correlation_m = correlation or usual.relief_correlation_m
     # It is estimated in flight, so a generous value costs little.
     errors.attitude_deg = max(errors.attitude_deg, usual.attitude_deg)
     # A specific impulse that the scenario gives is told, too, because engines are known.
@@ -141,12 +145,17 @@ def _add_disturbances(errors: ExpectedErrors, dispersions: Dispersions) -> None:
 
 def _expected_section(dispersions: Dispersions, name: str, default: _Section) -> _Section | None:
     """Gives a section of the scenario with what its dispersed values are expected to be."""
-    drawn = {field.name: dispersions.rms(f"{name}.{field.name}") for field in dc.fields(default)}
-    drawn = {key: value for key, value in drawn.items() if value is not None}
+    drawn = _drawn(dispersions, name, default)
     section = getattr(dispersions.scenario, name)
     if section is None and not drawn:
         return None
     return dc.replace(section or default, **drawn)
+
+
+def _drawn(dispersions: Dispersions, name: str, section: _Drawn) -> dict[str, float]:
+    """Gives what the dispersed values of a section are expected to be."""
+    drawn = {field.name: dispersions.rms(f"{name}.{field.name}") for field in dc.fields(section)}
+    return {key: value for key, value in drawn.items() if value is not None}
 
 
 @functools.lru_cache(maxsize=4)

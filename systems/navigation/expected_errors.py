@@ -48,6 +48,9 @@ class ExpectedErrors:
     # Of the map's surface along its normals, and the length over which its errors are alike.
     surface_rms_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
     surface_correlation_m: float = number(15e3, at_least=1e-3, at_most=FAR, unit="m")
+    # Of what is too fine to be estimated, such as boulders and curved facets, and its length.
+    relief_rms_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
+    relief_correlation_m: float = number(3e3, at_least=1e-3, at_most=FAR, unit="m")
     # Of the size of the map, over the size.
     size: float = number(0.0, at_least=0.0, at_most=10.0)
     # Of the lidar: a length that is added to all ranges, a factor on them, and the full angle of

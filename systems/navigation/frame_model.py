@@ -19,6 +19,7 @@ from proxops.systems.navigation._frame_kernel import (
 )
 from proxops.systems.navigation.estimate import BASE, MEASURED, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
+from proxops.systems.navigation.relief import PATTERNS, relief_rows
 from proxops.systems.shapes import Polyhedron, RayFan, ray_caster
 
 
@@ -42,16 +43,15 @@ class FrameModel:
         self.shape, self.geometry, self.noise_std = shape, geometry, noise_std
         self.directions = geometry.directions
         self.map_error = map_error
-        self._range_errors = RangeErrors(
-            float(noise_std), float(map_error.rest), 0.5 * float(beam_width)
-        )
+        rest = map_error.rest + map_error.relief**2  # One of them is 0.
+        self._range_errors = RangeErrors(float(noise_std), float(rest), 0.5 * float(beam_width))
         self._farthest = geometry.max_range * 1.001
         self.normals = shape.normals
         self._surface = Surface(shape.normals, np.array(shape.facets), map_error.table)
         self.centres = shape.vertices[shape.facets].mean(axis=1)
         self.first_hits, self.distances = ray_caster(shape).first_hits, ray_caster(shape).distances
         # Where the measured quantities are in an estimate.
-        self.columns = np.concatenate([MEASURED, BASE + np.arange(map_error.modes)])
+        self.columns = np.concatenate([MEASURED, BASE + np.arange(map_error.coefficients)])
 
     @cached_property
     def fan(self) -> RayFan:
@@ -68,23 +68,47 @@ class FrameModel:
     def compared(self, estimate: Estimate, ranges: np.ndarray) -> Comparison:
         """A frame (planes * rays,), in m, +inf for no return, beside the predicted one."""
         # A larger body seen from a place is the map seen from nearer, all lengths in proportion.
-        larger = 1.0 + estimate.mean[SIZE]
-        position = estimate.mean[:3]
+        mean, rough = estimate.mean, BASE + self.map_error.modes
+        larger, position = 1.0 + mean[SIZE], mean[:3]
         rays = returned_rays(ranges, self._farthest, estimate.rotation, self.directions)
         hits = self.first_hits(position / larger, rays.directions)
         heights = np.zeros(rays.indices.size)
         if self.map_error.modes:
             # Where the surface lies farther out, it is the map seen from so much nearer.
             rays, origins, heights = raised_origins(
-                position / larger, rays, hits, self._surface, estimate.mean[BASE:] / larger
+                position / larger, rays, hits, self._surface, mean[BASE:rough] / larger
             )
             hits = self.first_hits(origins, rays.directions)
-        return rows_of_frame(
+        hits = hits._replace(distances=larger * hits.distances)
+        compared = rows_of_frame(
             position,
             rays,
-            hits._replace(distances=larger * hits.distances),
+            hits,
             larger * heights,
             ranges,
             self._surface,
-            (estimate.mean[SIZE:], self._range_errors),
+            (mean[SIZE:], self._range_errors),
+        )
+        if not self.map_error.relief:
+            return compared
+        met = hits.facets >= 0
+        points = hits.distances[met, None] * rays.directions[met]
+        return self._with_relief(compared, points, mean[rough:])
+
+    def _with_relief(self, compared: Comparison, points: np.ndarray, mean: np.ndarray):
+        """A `Comparison` of K rays that meet points (K, 3), with coefficients (10,) of relief."""
+        rows, error = compared.rows, self.map_error
+        usable = compared.variances < np.inf
+        found = np.zeros((len(rows), PATTERNS))
+        if usable.any():
+            found[usable], extra = relief_rows(
+                rows[usable, : MEASURED.size],
+                points[usable],
+                error.relief,
+                error.relief_correlation,
+            )
+        return compared._replace(
+            variances=compared.variances + extra,
+            rows=np.hstack([rows, found]),
+            residuals=compared.residuals - found @ mean,
         )

@@ -127,7 +127,11 @@ class LidarNavigation(LeafSystem):
         self.period, self.frame_delay = period, int(frame_delay)
         if map_error is None:
             map_error = MapError(
-                shape, self.expected.surface_rms_m, self.expected.surface_correlation_m
+                shape,
+                self.expected.surface_rms_m,
+                self.expected.surface_correlation_m,
+                self.expected.relief_rms_m,
+                self.expected.relief_correlation_m,
             )
         self.model = FrameModel(shape, geometry, noise_std, map_error, self.expected.beam_width_rad)
         low_orbit = math.sqrt(GRAVITATIONAL_CONSTANT * field.mass / shape.extents.max())
@@ -139,7 +143,7 @@ class LidarNavigation(LeafSystem):
             period=period,
             frame_delay=self.frame_delay,
         )
-        self._size = BASE + map_error.modes
+        self._size = BASE + map_error.coefficients
         self._ranges_port = self.DeclareVectorInputPort("ranges", geometry.size)
         self._force_port = self.DeclareVectorInputPort("commanded_force", 3)
         self._thrust_port = self.DeclareVectorInputPort("commanded_thrust", 1)

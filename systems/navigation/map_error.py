@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
 import scipy.linalg
 
 from proxops.systems.common import Values, one_thread
+from proxops.systems.navigation.relief import PATTERNS
 from proxops.systems.shapes import Polyhedron, vertex_normals
 
 # Points of the surface at which the smooth displacements are computed; between them they are
@@ -30,29 +32,47 @@ class MapError:
     eigenfunctions of this covariance over the surface (Karhunen-Loeve): few hold nearly all of it.
 
     Attributes:
-      std: its standard deviation in m, before what moves or turns the body is taken off.
+      std: standard deviation in m of all of it, before what moves or turns the body is taken off.
       modes: M, their number; 0 if the map has no error.
       table: (V, M) float64: displacement of each vertex along its normal, in m, by each of the
         coefficients, which are independent, with variance 1.
       rest: m^2; the displacement beyond the M counts in each frame as noise of this variance.
+      relief, relief_correlation: standard deviation and correlation length in m of what is too fine
+        for the modes, and adds to them.
     """
 
-    def __init__(self, shape: Polyhedron, std: float = 0.0, correlation: float = 1.0):
-        """Takes the map, the standard deviation of its error in m, and correlation length in m."""
-        self.std = std
+    def __init__(
+        self,
+        shape: Polyhedron,
+        std: float = 0.0,
+        correlation: float = 1.0,
+        relief: float = 0.0,
+        relief_correlation: float = 1.0,
+    ):
+        """Takes the map, and standard deviations and correlation lengths in m of its errors."""
+        self.std = math.hypot(std, relief)
+        self.relief, self.relief_correlation = relief, relief_correlation
         self.table, self.rest = np.zeros((len(shape.vertices), 0)), 0.0
         if std > 0.0:
             table, share = _smooth_fields(shape, correlation)
             self.table, self.rest = std * table, _SEEN_AGAIN * std**2 * (1.0 - share)
+        if relief:  # What the modes leave out is relief too.
+            self.relief, self.rest = math.hypot(relief, math.sqrt(self.rest / _SEEN_AGAIN)), 0.0
         self.modes = self.table.shape[1]
 
     @classmethod
     def known(cls, table: np.ndarray, rest: float) -> MapError:
         """An error that is not alike everywhere, from its attributes `table` and `rest`."""
         made = cls.__new__(cls)
+        made.relief, made.relief_correlation = 0.0, 1.0
         made.table, made.rest, made.modes = np.ascontiguousarray(table), rest, table.shape[1]
         made.std = float(np.sqrt(np.mean(made.deviations**2)))
         return made
+
+    @property
+    def coefficients(self) -> int:
+        """Number of the coefficients that a filter has to estimate: of modes, then of relief."""
+        return self.modes + (PATTERNS if self.relief else 0)
 
     @property
     def deviations(self) -> Values:

@@ -65,7 +65,7 @@ def mended_map(shape: Polyhedron, map_error: MapError, estimate: Estimate) -> Me
     variances = np.einsum("vm,mn,vn->v", table, covariance[1:, 1:], table, optimize=True)
     first = np.einsum("vm,vm->v", table, table)
     learned = 1.0 - np.clip(variances / np.maximum(first, 1e-300), 0.0, 1.0)
-    heights = learned * (table @ estimate.mean[BASE:])
+    heights = learned * (table @ estimate.mean[BASE : BASE + map_error.modes])
     vertices = (1.0 + estimate.mean[SIZE]) * shape.vertices + heights[:, None] * normals
     moved = np.column_stack([outwards, table])
     covariance[1:, 1:] += _DOUBT**2 * np.eye(map_error.modes)

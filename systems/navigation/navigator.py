@@ -35,6 +35,7 @@ from proxops.systems.navigation.estimate import (
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.motion import Motion
+from proxops.systems.navigation.relief import forgotten
 from proxops.systems.navigation.step_records import NavigationPhase
 
 # Tuned constants. NIS is the normalised innovation squared over the returns used; about 1.
@@ -139,7 +140,7 @@ class Navigator:
         self._attitude_std = math.radians(expected.attitude_deg)
         size, spin = float(model.shape.extents.max()), motion.spin.rate
         self._first_sigma = first_sigmas(
-            expected, spin, model.map_error.modes, _REACH * size, _SPEED * orbit
+            expected, spin, model.map_error.coefficients, _REACH * size, _SPEED * orbit
         )
         gravity = orbit**2 / size
         acceleration = _SUSPECTED.acceleration_m_s2 * gravity
@@ -179,7 +180,7 @@ class Navigator:
         if thrust is None:
             thrust = sum(map(abs, force.tolist()))
         push = np.append(force, thrust)
-        if memory.phase == NavigationPhase.FOLLOWING and not self.model.map_error.modes:
+        if memory.phase == NavigationPhase.FOLLOWING and not self.model.map_error.coefficients:
             return self._stepped(memory, ranges, push, time)  # Matrices too small for threads.
         with one_thread():
             return self._stepped(memory, ranges, push, time)
@@ -206,7 +207,11 @@ class Navigator:
 
     def _predicted(self, estimate: Estimate, push: np.ndarray, begun: float) -> Estimate:
         """The estimate after a period under a force and a thrust (4,) in N."""
-        return self.motion.predicted(estimate, push[:3], begun, self._period, float(push[3]))
+        moved = self.motion.predicted(estimate, push[:3], begun, self._period, float(push[3]))
+        error = self.model.map_error
+        if not error.relief:
+            return moved
+        return forgotten(moved, estimate, BASE + error.modes, error.relief_correlation)
 
     def _used(
         self, prior: Estimate | None, memory: Memory, ranges: np.ndarray, attitude: np.ndarray

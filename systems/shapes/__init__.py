@@ -11,6 +11,7 @@ A new check of meshes belongs in `mesh_checks`, a new repair in `mesh_repair`.
 """
 
 from proxops.systems.shapes._text_meshes import LONGITUDES
+from proxops.systems.shapes.boulders import HEIGHT, BouldersConfig, relief_of, with_boulders
 from proxops.systems.shapes.displacement import displaced, vertex_normals
 from proxops.systems.shapes.ellipsoid import (
     blocks_segment,
@@ -48,8 +49,10 @@ from proxops.systems.shapes.shape_files import (
 from proxops.systems.shapes.surface import Surface
 
 __all__ = [
+    "HEIGHT",
     "LONGITUDES",
     "MESH_FORMATS",
+    "BouldersConfig",
     "Defect",
     "EnclosingEllipsoid",
     "MassProperties",
@@ -75,6 +78,7 @@ __all__ = [
     "ray_caster",
     "read_mesh",
     "registered",
+    "relief_of",
     "repair_mesh",
     "self_intersections",
     "shell_labels",
@@ -83,4 +87,5 @@ __all__ = [
     "squared_norm",
     "tangent_half_spaces",
     "vertex_normals",
+    "with_boulders",
 ]
