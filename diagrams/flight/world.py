@@ -153,8 +153,9 @@ def add_attitude(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> OutputP
 
 def add_lidar(wiring: Wiring, position: OutputPort, attitude: OutputPort | None) -> PlanarLidar:
     """Adds the true lidar."""
-    shape, seed = wiring.world.true_body.shape, wiring.seed(LIDAR_STREAM)
-    lidar = make_lidar(wiring.scenario, shape, seed)
+    true_body, seed = wiring.world.true_body, wiring.seed(LIDAR_STREAM)
+    moons = wiring.world.body.moons
+    lidar = make_lidar(wiring.scenario, true_body.shape, seed, moons, true_body.spin)
     return wiring.add("lidar", lidar, position=position, attitude=attitude)
 
 
@@ -253,6 +254,7 @@ def _limited(wiring: Wiring, force: OutputPort, name: str) -> OutputPort:
 def add_monitor(wiring: Wiring, state: OutputPort, target: OutputPort) -> None:
     """Adds the monitor of arrival, collision and violations of the keep-out ellipsoid."""
     scenario, world = wiring.scenario, wiring.world
-    events = make_events(scenario, world.body, world.true_body.gravity_field)
+    true_body = world.true_body
+    events = make_events(scenario, world.body, true_body.gravity_field, true_body.spin)
     monitor = FlightMonitor(events, scenario.control_period_s)
     wiring.add("monitor", monitor, state=state, target=target)

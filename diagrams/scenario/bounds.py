@@ -310,8 +310,24 @@ def _acceleration(dispersions: Dispersions) -> float:
     far = _FAR * float(body.keep_out_semi_axes.max())
     speed = math.sqrt(3.0) * craft.speed_limit_m_s
     rotation = 2.0 * error * speed + (2.0 * spin + error) * error * far + spin**2 * shift
-    moons = greatest_tide(body.config.moons, far)
+    moons = _moons(body, far)
     return forces / craft.mass_kg + pushes + gravity + rotation + moons
+
+
+def _moons(body: Body, far: float) -> float:
+    """The greatest tide of moons in m/s^2, up to a distance in m.
+
+    Raises:
+      InputError: one comes as near, and is not always inside the keep-out ellipsoid.
+    """
+    tide = greatest_tide(body.config.moons, far, body.moon_depths)
+    if not tide < math.inf:
+        raise InputError(
+            f"a moon of {body.config.name} comes within {far:g} m of it and is not always inside "
+            "the keep-out ellipsoid, which alone runtime assurance keeps out of: give the body an "
+            "ellipsoid that holds its orbit, or fly without assurance"
+        )
+    return tide
 
 
 def _sunlight(dispersions: Dispersions, error: float) -> float:

@@ -130,7 +130,7 @@ def _add_disturbances(errors: ExpectedErrors, dispersions: Dispersions) -> None:
     body, sunlight = dispersions.body, dispersions.scenario.sunlight
     far, turn = float(body.keep_out_semi_axes.max()), min(1.0 / body.spin_rate, LONG)
     if body.config.moons:
-        parts.append((greatest_tide(body.config.moons, far), turn))
+        parts.append((greatest_tide(body.config.moons, far, body.moon_depths), turn))
     if sunlight is not None:
         parts.append((greatest_sunlight(sunlight, craft.mass_kg, far), turn))
     variance = sum(std**2 for std, _ in parts)
