@@ -19,7 +19,12 @@ from proxops.diagrams.flight.wiring import (
     NOISE_STREAM,
     Wiring,
 )
-from proxops.diagrams.scenario import Scenario, TrueThrustersConfig, turns_the_axes
+from proxops.diagrams.scenario import (
+    LidarConfig,
+    Scenario,
+    TrueThrustersConfig,
+    turns_the_axes,
+)
 from proxops.systems import (
     ActualThrust,
     AttitudeError,
@@ -36,7 +41,11 @@ from proxops.systems import (
     VelocityKicks,
 )
 from proxops.systems.gravity import Moons
+from proxops.systems.lidar import MoonMask
 from proxops.systems.vehicle import Thrusters
+
+# The body's greatest radius for the mask of moons, over that of its map: the true surface differs.
+_SPARE = 1.05
 
 
 def add_spacecraft(wiring: Wiring) -> Spacecraft | RigidSpacecraft:
@@ -166,6 +175,21 @@ def received(wiring: Wiring, lidar: PlanarLidar) -> OutputPort:
         return ranges
     delay = FrameDelay(ranges.size(), steps, wiring.scenario.control_period_s)
     return wiring.add("frame_delay", delay, ranges=ranges).GetOutputPort("ranges")
+
+
+def without_moons(wiring: Wiring, ranges: OutputPort, attitude: OutputPort | None) -> OutputPort:
+    """Gives the ranges without the returns of moons, if there are any that the lidar sees.
+
+    `attitude` is R_KS as known on board; None: S has the axes of K.
+    """
+    body, scenario = wiring.world.body, wiring.scenario
+    if not body.moons or not isinstance(scenario.lidar, LidarConfig):
+        return ranges
+    reach = float(np.linalg.norm(body.shape.vertices, axis=1).max())
+    moons = [moon.config for moon in body.moons]
+    mask = MoonMask(scenario.lidar_geometry, moons, body.spin, _SPARE * reach)
+    wiring.add("moon_mask", mask, ranges=ranges, attitude=attitude)
+    return mask.get_output_port()
 
 
 def add_thrust(
