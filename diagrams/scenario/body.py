@@ -221,7 +221,9 @@ def load_body(name_or_path: str | Path) -> Body:
         raise InputError(f"{path}: these keys are missing: {', '.join(missing)}")
     shape = Polyhedron.load(path.parent / config.mesh, config.mesh_unit)
     moons = tuple(
-        Polyhedron.load(path.parent / moon.mesh, config.mesh_unit).recentred() if moon.mesh else None
+        Polyhedron.load(path.parent / moon.mesh, config.mesh_unit).recentred()
+        if moon.mesh
+        else None
         for moon in config.moons
     )
     body = Body(config, shape.recentred(), moon_shapes=moons)

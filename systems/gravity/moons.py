@@ -40,9 +40,6 @@ class MoonConfig:
     mass_kg: float = number(0.0, at_least=0.0, at_most=1e25, unit="kg")
     # Of the ball about it that nothing should enter. Without a mesh it is this ball.
     radius_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
-    # Mesh file in the unit of the body's; its path is relative to the body's YAML file. Its x
-    # points at the body and its z along the orbit's pole: it turns once in an orbit.
-    mesh: str = ""
     semi_major_axis_m: float = number(1.0, at_least=1e-3, at_most=1e3 * FAR, unit="m")
     period_s: float = number(1.0, at_least=1e-3, at_most=LONG, unit="s")
     eccentricity: float = number(0.0, at_least=0.0, below=1.0)
@@ -53,6 +50,9 @@ class MoonConfig:
     node_deg: float = number(0.0, at_least=-360.0, at_most=360.0, unit="degrees")
     pericentre_deg: float = number(0.0, at_least=-360.0, at_most=360.0, unit="degrees")
     mean_anomaly_deg: float = number(0.0, at_least=-360.0, at_most=360.0, unit="degrees")
+    # Mesh file in the unit of the body's; its path is relative to the body's YAML file. Its x
+    # points at the body and its z along the orbit's pole: it turns once in an orbit.
+    mesh: str = ""
 
 
 def moon_position(moon: MoonConfig, time: float, spin: SpinModel) -> Vector3:
@@ -116,7 +116,8 @@ class Moon:
         """
         model = spin_model(spin)
         ends = [
-            moon_axes(self.config, time, model).T @ (place - moon_position(self.config, time, model))
+            moon_axes(self.config, time, model).T
+            @ (place - moon_position(self.config, time, model))
             for place, time in zip((start, end), times, strict=True)
         ]
         way = ends[1] - ends[0]

@@ -50,9 +50,7 @@ class LidarWithMoons(Lidar):
         self.moons, self.spin = moons, spin_model(spin)
         self._moon_fans = [RayCaster(moon.shape).fan(self.directions) for moon in moons]
 
-    def returns_at(
-        self, position: Vector3, rotation: Matrix3 | None, time: float
-    ) -> TrueReturns:
+    def returns_at(self, position: Vector3, rotation: Matrix3 | None, time: float) -> TrueReturns:
         """The rays that meet body or moon at a time in s: see `PlanarLidar.true_returns`."""
         body = self.true_returns(position, rotation)
         distances = np.full(self.geometry.size, np.inf)
