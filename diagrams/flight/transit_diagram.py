@@ -140,9 +140,10 @@ def make_transit_diagram(
       A Diagram, named in its parts: gravity, spacecraft, lidar, target, controller (or as it calls
       itself), thrusters, hold, monitor; and, if the flight has them, navigation, navigation_parts,
       command_axes, assurance, disturbance, force_noise, command_limits, command_hold, kicks,
-      moons, moon_mask, sunlight, attitude, attitude_hold, actual_thrust, unexplained_acceleration, acceleration_hold,
-      accelerations, frame_delay, live_view, and log_NAME for every logged port. Its output ports
-      are those that `add_transit` draws. Its default Context is the start of the transit.
+      moons, moon_mask, sunlight, attitude, attitude_hold, actual_thrust, acceleration_hold,
+      unexplained_acceleration, accelerations, frame_delay, live_view, and log_NAME for every logged
+      port. Its output ports are those that `add_transit` draws. Its default Context is the start of
+      the transit.
 
     Raises:
       UnflyableWorldError: the flight cannot begin in its world.
