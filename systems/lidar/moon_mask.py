@@ -94,4 +94,7 @@ class MoonMask(LeafSystem):
         along, sure = ranges[rays] * (self.directions[rays] @ line), trusted[rays]
         if sure.any():
             low = stretch_of_the_moon(along[sure], away, radius, self.body)
-            ranges[rays[(along >= low) & (along <= low + 2.0 * radius)]] = np.inf
+            # Rays at the limb that are not trusted may lie beside the stretch, in the gap.
+            spare = min(0.5 * (away - radius - self.body), radius)
+            beside = (along < low - spare) | (along > low + 2.0 * radius + spare)
+            ranges[rays[~beside]] = np.inf
