@@ -21,8 +21,11 @@ from proxops.diagrams.flight.wiring import (
 )
 from proxops.diagrams.scenario import (
     LidarConfig,
+    RigidBodyConfig,
     Scenario,
     TrueThrustersConfig,
+    facets_of,
+    load_spacecraft,
     turns_the_axes,
 )
 from proxops.systems import (
@@ -112,6 +115,11 @@ def _sunlight(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> OutputPort
     settings, true_body = wiring.scenario.sunlight, wiring.world.true_body
     assert settings is not None
     mass = craft.GetOutputPort("mass") if craft.HasOutputPort("mass") else None
+    attitude = craft.GetOutputPort("attitude") if craft.HasOutputPort("attitude") else None
+    facets = None
+    if isinstance(rigid := wiring.scenario.spacecraft, RigidBodyConfig):
+        centre = np.array(wiring.scenario.truth.rigid_body.centre_of_mass_m)
+        facets = facets_of(load_spacecraft(rigid.model), centre)
     sunlight = Sunlight(
         settings,
         true_body.shape,
@@ -119,8 +127,10 @@ def _sunlight(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> OutputPort
         craft.mass if mass is None else None,
         true_body.axis_point,
         wiring.scenario.control_period_s,
+        facets,
     )
-    wiring.add("sunlight", sunlight, position=craft.GetOutputPort("position"), mass=mass)
+    place = craft.GetOutputPort("position")
+    wiring.add("sunlight", sunlight, position=place, mass=mass, attitude=attitude)
     wiring.logged["sun_direction"] = sunlight.GetOutputPort("direction")
     return sunlight.GetOutputPort("acceleration")
 

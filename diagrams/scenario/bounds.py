@@ -22,13 +22,14 @@ from proxops.diagrams.scenario.keys import differing_values, value_at
 from proxops.diagrams.scenario.quantities import QUANTITIES, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
+from proxops.diagrams.scenario.sunlit import greatest_by_sun
 from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path, load_typed, read_mapping
 from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.common import InputError, check_limits, spread_directions, values_in_words
 from proxops.systems.gravity import GravityField, greatest_tide
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.shapes import Polyhedron, displaced
-from proxops.systems.vehicle import STANDARD_GRAVITY, greatest_sunlight
+from proxops.systems.vehicle import STANDARD_GRAVITY
 
 # What has a normal distribution at each time, such as a Gauss-Markov process, has no end. It is
 # cut at this many standard deviations, and the roughness of a surface at its own 3 sigma.
@@ -336,10 +337,8 @@ def _sunlight(dispersions: Dispersions, error: float) -> float:
     `error` is that of the spacecraft's mass, over it.
     """
     scenario = dispersions.scenario
-    if scenario.sunlight is None:
-        return 0.0
     far = _FAR * float(dispersions.body.keep_out_semi_axes.max())
-    return greatest_sunlight(scenario.sunlight, (1.0 - error) * scenario.spacecraft.mass_kg, far)
+    return greatest_by_sun(scenario, (1.0 - error) * scenario.spacecraft.mass_kg, far)
 
 
 @functools.lru_cache(maxsize=4)

@@ -49,6 +49,7 @@ from proxops.systems.vehicle.flight_monitor import FlightMonitor
 from proxops.systems.vehicle.force_noise import ForceNoise, ForceNoiseConfig
 from proxops.systems.vehicle.fresh_hold import FreshHold
 from proxops.systems.vehicle.gauss_markov import gauss_markov_at, white_noise_at
+from proxops.systems.vehicle.light_on_facets import Facets, light_on_facets
 from proxops.systems.vehicle.random_walk_disturbance import (
     RandomWalkDisturbance,
     RandomWalkDisturbanceConfig,
@@ -77,6 +78,7 @@ from proxops.systems.vehicle.sunlight import (
     SunlightConfig,
     greatest_sunlight,
     light_acceleration,
+    light_pressure,
 )
 from proxops.systems.vehicle.thrusters import Thrusters
 from proxops.systems.vehicle.velocity_kicks import KicksConfig, VelocityKicks
@@ -93,6 +95,7 @@ __all__ = [
     "AttitudeError",
     "CommandAxes",
     "DelayedHold",
+    "Facets",
     "FlightEvents",
     "FlightLimits",
     "FlightMonitor",
@@ -125,6 +128,8 @@ __all__ = [
     "greatest_sunlight",
     "hermite_curve",
     "light_acceleration",
+    "light_on_facets",
+    "light_pressure",
     "moved_by",
     "phase_vector",
     "predicted_state",
