@@ -14,7 +14,7 @@ from proxops.diagrams.scenario.spacecraft_model import (
 )
 from proxops.diagrams.scenario.spacecraft_solids import CORNERS, solids_of
 from proxops.systems.common import Vector3, spread_directions
-from proxops.systems.vehicle import Facets, greatest_sunlight, light_on_facets
+from proxops.systems.vehicle import Facets, at_its_distance, greatest_sunlight, light_on_facets
 
 # Directions from which the light on facets is looked at, and what covers the gaps between them.
 _WAYS, _GAPS = 1000, 1.02
@@ -53,7 +53,7 @@ def greatest_by_sun(scenario: Scenario, mass: float, distance: float) -> float:
     shown = None
     if isinstance(craft, RigidBodyConfig):
         shown = _greatest_shown(craft.model)
-    return greatest_sunlight(settings, mass, distance, shown)
+    return greatest_sunlight(at_its_distance(settings), mass, distance, shown)
 
 
 @functools.lru_cache(maxsize=8)

@@ -76,6 +76,7 @@ from proxops.systems.vehicle.state_prediction import (
 from proxops.systems.vehicle.sunlight import (
     Sunlight,
     SunlightConfig,
+    at_its_distance,
     greatest_sunlight,
     light_acceleration,
     light_pressure,
@@ -122,6 +123,7 @@ __all__ = [
     "TrueThrustersConfig",
     "UnexplainedAcceleration",
     "VelocityKicks",
+    "at_its_distance",
     "believed_acceleration",
     "believed_axes",
     "gauss_markov_at",

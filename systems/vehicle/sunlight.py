@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -23,10 +24,12 @@ from proxops.systems.common import (
     rotated,
     rotation_matrix,
     vector,
+    vector_of,
 )
 from proxops.systems.rotation import SpinModel
 from proxops.systems.shapes import Polyhedron, ray_caster
 from proxops.systems.vehicle.light_on_facets import Facets, light_on_facets
+from proxops.systems.vehicle.sun_ephemeris import SunEphemeris, sun_ephemeris
 
 # Power of sunlight at 1 au in W/m^2 and GM of the Sun in m^3/s^2: nominal values of the
 # International Astronomical Union, resolution B3 of 2015.
@@ -52,6 +55,14 @@ class SunlightConfig:
     year_days: float | None = number(None, at_least=1e-3, at_most=LONG, unit="days")
     # Direction in N about which it goes round, at right angles to `direction`.
     orbit_pole: list[float] = vector([0.0, 0.0, 1.0], at_least=-FAR, at_most=FAR)
+    # SPICE kernel that says where the Sun is instead of `direction`, or a meta-kernel that names
+    # several; the distance is then that at the start, and stays as it is.
+    kernels: str | None = None
+    # The body by its name or number in the kernels, and when the flight starts, as SPICE reads it.
+    spice_body: str = ""
+    epoch: str = ""
+    # The frame of SPICE whose axes N has: those at the start, which for one of a body are K's.
+    spice_frame: str = "ECLIPJ2000"
     # Area that the spacecraft, if it is a point, shows to the Sun from any side.
     area_m2: float = number(1.0, at_least=0.0, at_most=1e6, unit="m^2")
     # Coefficient of reflectivity: 1 of a surface that takes up all light, 2 of one that throws all
@@ -64,12 +75,28 @@ def sun_direction(time: float, settings: SunlightConfig) -> Vector:
 
     It goes round the pole of the orbit in the sense in which the body goes round the Sun.
     """
+    if settings.kernels is not None:
+        return vector_of(_ephemeris(settings).direction(time))
     start = _unit(settings.direction)
     if settings.year_days is None:
         return start
     angle = 2.0 * math.pi * time / (settings.year_days * _DAY)
     x, y, z = _unit(settings.orbit_pole)
     return rotated(quaternion_of((angle * x, angle * y, angle * z)), start)
+
+
+def _ephemeris(settings: SunlightConfig) -> SunEphemeris:
+    assert settings.kernels is not None
+    return sun_ephemeris(
+        settings.kernels, settings.spice_body, settings.epoch, settings.spice_frame
+    )
+
+
+def at_its_distance(settings: SunlightConfig) -> SunlightConfig:
+    """The settings with the Sun's distance at the start from the kernels, if there are any."""
+    if settings.kernels is None:
+        return settings
+    return replace(settings, distance_au=_ephemeris(settings).distance_au)
 
 
 def _unit(direction: list[float]) -> Vector:
@@ -180,7 +207,8 @@ class Sunlight(LeafSystem):
         if mass is not None:
             check_positive("Sunlight", mass=mass)
         check_positive("Sunlight", period=period)
-        self.settings, self.shape, self.spin, self.mass = settings, shape, spin, mass
+        self.settings = at_its_distance(settings)
+        self.shape, self.spin, self.mass = shape, spin, mass
         self.axis_point = finite_vector("Sunlight", "axis_point", axis_point)
         self.facets = facets
         self._position_port = self.DeclareVectorInputPort("position", 3)
