@@ -8,8 +8,8 @@
 | shadow | a ray at each control step | none: the orbit stays out of it | none |
 | steps | Runge-Kutta, adaptive | Runge-Kutta, 2 s | DOP853 at 1e-13 |
 
-The orbit is circular, over the terminator. Basilisk's irradiance at 1 au is ours for the cannonball,
-as its force shows (2.12), and 1368 W/m^2 for facets.
+The orbit is circular, over the terminator. Basilisk's irradiance at 1 au is ours for the
+cannonball, as its force shows (2.12), and 1368 W/m^2 for facets.
 """
 
 from __future__ import annotations
