@@ -33,6 +33,7 @@ from proxops.systems.vehicle.disturbance_acceleration import (
     TrueAccelerationConfig,
     UnexplainedAcceleration,
 )
+from proxops.systems.vehicle.facets import Facets, light_on_facets
 from proxops.systems.vehicle.flight_events import (
     COLLIDED,
     ENTERED_GOAL,
@@ -49,7 +50,6 @@ from proxops.systems.vehicle.flight_monitor import FlightMonitor
 from proxops.systems.vehicle.force_noise import ForceNoise, ForceNoiseConfig
 from proxops.systems.vehicle.fresh_hold import FreshHold
 from proxops.systems.vehicle.gauss_markov import gauss_markov_at, white_noise_at
-from proxops.systems.vehicle.light_on_facets import Facets, light_on_facets
 from proxops.systems.vehicle.random_walk_disturbance import (
     RandomWalkDisturbance,
     RandomWalkDisturbanceConfig,

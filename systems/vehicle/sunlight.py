@@ -28,7 +28,7 @@ from proxops.systems.common import (
 )
 from proxops.systems.rotation import SpinModel
 from proxops.systems.shapes import Polyhedron, ray_caster
-from proxops.systems.vehicle.light_on_facets import Facets, light_on_facets
+from proxops.systems.vehicle.facets import Facets, light_on_facets
 from proxops.systems.vehicle.sun_ephemeris import SunEphemeris, sun_ephemeris
 
 # Power of sunlight at 1 au in W/m^2 and GM of the Sun in m^3/s^2: nominal values of the

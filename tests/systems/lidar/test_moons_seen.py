@@ -27,9 +27,8 @@ def merged_scene(time: float) -> trimesh.Trimesh:
     """The body, a ball of 300 m, and the moon where it is, as one mesh in K."""
     turned = BRICK.vertices @ moon_axes(CONFIG, time, SPIN).T + moon_position(CONFIG, time, SPIN)
     body = ball(300.0)
-    return trimesh.util.concatenate(
-        trimesh.Trimesh(body.vertices, body.facets), trimesh.Trimesh(turned, BRICK.facets)
-    )
+    facets = np.concatenate([body.facets, BRICK.facets + len(body.vertices)])
+    return trimesh.Trimesh(np.concatenate([body.vertices, turned]), facets)
 
 
 def lidar() -> LidarWithMoons:

@@ -1,5 +1,7 @@
 """Where the Sun is by SPICE kernels that the test writes itself, against two-body motion."""
 
+import dataclasses as dc
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -56,8 +58,8 @@ def moved(time: float) -> np.ndarray:
 
 
 def settings(kernels: str, **changes: str) -> SunlightConfig:
-    given = {"spice_body": str(BODY), "epoch": "2026-01-01T00:00:00"} | changes
-    return SunlightConfig(kernels=kernels, **given)
+    given = SunlightConfig(kernels=kernels, spice_body=str(BODY), epoch="2026-01-01T00:00:00")
+    return dc.replace(given, **changes)
 
 
 def test_the_sun_is_where_an_orbit_has_it(kernels: str) -> None:
