@@ -9,14 +9,17 @@ prediction that runtime assurance makes is used. Vectors are in K.
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from proxops.diagrams.flight import make_backup
 from proxops.diagrams.logs import dense_positions
 from proxops.diagrams.scenario import AssuranceConfig, Body, Scenario, TransitConfig
+from proxops.diagrams.scenario.bounds import tumbling
 from proxops.systems.assurance import AssuranceBounds, BackupBraking, InterventionReason
+from proxops.systems.common import cross_matrix
+from proxops.systems.gravity import greatest_tide, moon_position, tide_of
 from proxops.systems.shapes import clearances
 from proxops.systems.vehicle import runge_kutta_step
 
@@ -358,6 +361,10 @@ def adversarial_flight(
     adversary = ADVERSARIES[name](backup, random) if adversary is None else adversary
     period, limits = scenario.control_period_s, backup.limits
     axes, box = np.asarray(limits.keep_out_semi_axes), enlarged(backup.bounds, excess)
+    # Tumbling and moons act as they are, so what pushes beside them has the rest of its bound.
+    known = tumbling(body, limits.speed)
+    known += greatest_tide(body.config.moons, 2.0 * float(axes.max()), body.moon_depths)
+    box = replace(box, acceleration_m_s2=max(box.acceleration_m_s2 - known, 0.0))
     world = Truth(truth, box, axes, np.random.default_rng([seed, 1]))
     error_of = StateErrors(state_errors, box, axes, np.random.default_rng([seed, 2]), steps)
     error = error_of(believed)
@@ -374,7 +381,7 @@ def adversarial_flight(
             seconds[step] = time.thread_time() - started
         acting, other = world.act(state, force)
         acceleration = acting / (world.mass * limits.mass) + other
-        state = moved(state, acceleration, period, body, world.gravity)
+        state = moved(state, acceleration, period, body, world.gravity, period * step)
         speed = max(speed, float(np.abs(state[3:]).max()))
         states.append(state)
         beliefs.append(believed)
@@ -397,22 +404,30 @@ def enlarged(bounds: AssuranceBounds, factor: float) -> AssuranceBounds:
 
 
 def moved(
-    state: np.ndarray, acceleration: np.ndarray, period: float, body: Body, gravity: float
+    state: np.ndarray,
+    acceleration: np.ndarray,
+    period: float,
+    body: Body,
+    gravity: float,
+    time: float = 0.0,
 ) -> np.ndarray:
-    """The state (6,) after a period under a constant acceleration (3,).
+    """The state (6,) after a period under a constant acceleration (3,), from a time in s on.
 
     Gravity is linear about a point in the middle of the way: off by less than a millimetre after
     10 s at Kleopatra. The equations are then linear too; the Runge-Kutta method solves them.
-    `gravity` is its true size over the believed one.
+    `gravity` is its true size over the believed one. Rotation and moons are as in the middle.
     """
-    spin = body.spin_rate
+    now = time + 0.5 * period
+    turn = cross_matrix(body.spin.angular_velocity(now))
+    change = cross_matrix(body.spin.angular_acceleration(now))
     middle = state[:3] + 0.5 * period * state[3:]
     field = body.gravity_field.evaluate(middle[None])
     slope, constant = np.zeros((6, 6)), np.zeros(6)
     slope[3:, :3] = gravity * field.gradient[0]
     constant[3:] = gravity * field.acceleration[0] - slope[3:, :3] @ middle + acceleration
     slope[0, 3] = slope[1, 4] = slope[2, 5] = 1.0
-    slope[3, 0] += spin**2
-    slope[4, 1] += spin**2
-    slope[3, 4], slope[4, 3] = 2.0 * spin, -2.0 * spin
+    slope[3:, :3] -= turn @ turn + change
+    slope[3:, 3:] -= 2.0 * turn
+    for moon in body.config.moons:
+        constant[3:] += tide_of(moon.mass_kg, moon_position(moon, now, body.spin), middle)
     return runge_kutta_step(lambda at: slope @ at + constant, state, period)

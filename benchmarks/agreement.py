@@ -5,6 +5,7 @@
 - `field`: the second-degree harmonics of Kleopatra's field, fitted far outside, against the moments
   of its volume, and its equilibria against published ones;
 - `motion`: 24 hours about bodies by proxops, by Basilisk, and by an integration of its own;
+- `sunlight`: 24 hours in sunlight at Bennu, and light on facets, by proxops and by Basilisk;
 - `attitude`: an hour of a rigid spacecraft with wheels and thrusters, by proxops and by Basilisk.
 
 For `motion`, free and under a force that changes at random every ten minutes, from a circular orbit
@@ -33,6 +34,7 @@ import trimesh
 from _bodies import GENERATED, KLEOPATRA, scenario_at
 from _peers import basilisk_model, esa_model
 from _rigid_agreement import STEP, by_proxops, commands, rigid_by_basilisk
+from _sunlight_agreement import day, day_by_basilisk, day_by_dop853, day_by_proxops, facets_apart
 from _tables import Shown
 from pydrake.systems.framework import LeafSystem
 from rich.console import Console
@@ -422,7 +424,24 @@ def attitude(arguments: argparse.Namespace) -> None:
     Shown(f"apart after 1 h, in steps of {STEP:g} s", headings, lines).show()
 
 
-SECTIONS = {each.__name__: each for each in (gravity, lidar, field, motion, attitude)}
+def sunlight(arguments: argparse.Namespace) -> None:
+    hours = arguments.hours
+    scenario = day(hours)
+    right, without = (day_by_dop853(scenario, hours, light) for light in (1.0, 0.0))
+    ours, theirs = day_by_proxops(scenario), day_by_basilisk(scenario, hours, arguments.step)
+    lines = {
+        "moved by the Sun": [f"{np.linalg.norm(right - without):.3g}"],
+        "ours from the reference": [f"{np.linalg.norm(ours - right):.2g}"],
+        "ours from Basilisk": [f"{np.linalg.norm(ours - theirs):.2g}"],
+    }
+    Shown(f"at Bennu after {hours:g} h", ("m",), lines).show()
+    lines = {
+        name: [f"{value:.1e}" for value in facets_apart(name)] for name in ("hayabusa2", "smallsat")
+    }
+    Shown("light on facets, from Basilisk's over the force", ("force", "torque (m)"), lines).show()
+
+
+SECTIONS = {each.__name__: each for each in (gravity, lidar, field, motion, sunlight, attitude)}
 
 
 def main() -> None:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import OutputPort, System
+from pydrake.systems.primitives import Adder
 
 from proxops.diagrams.flight.named_controllers import users_system
 from proxops.diagrams.flight.wiring import (
@@ -319,5 +320,10 @@ def _add_thrusters(
     assert impulse is not None
     cluster = ThrusterCluster(layout, own.period, impulse, failure)
     wiring.add("thruster_cluster", cluster, on_times=times)
-    for name in ("force", "torque", "mass_flow"):
+    for name in ("force", "mass_flow"):
         wiring.builder.Connect(cluster.GetOutputPort(name), craft.GetInputPort(name))
+    torque = cluster.GetOutputPort("torque")
+    if wiring.scenario.sunlight is not None:
+        light = wiring.builder.GetSubsystemByName("sunlight").GetOutputPort("torque")
+        torque = wiring.add("torques", Adder(2, 3), u0=torque, u1=light).get_output_port()
+    wiring.builder.Connect(torque, craft.GetInputPort("torque"))

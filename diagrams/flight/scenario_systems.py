@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,9 +43,11 @@ from proxops.systems import (
     TransitProgram,
     WeightedProgram,
 )
-from proxops.systems.gravity import BodyField
+from proxops.systems.gravity import BodyField, Moon
+from proxops.systems.lidar import LidarWithMoons
 from proxops.systems.navigation import load_map
 from proxops.systems.policy import load_policy
+from proxops.systems.rotation import SpinModel
 from proxops.systems.vehicle import FlightEvents
 
 # The navigation takes the lidar's noise for at least this share of the body's size, 2 m at
@@ -197,13 +200,20 @@ def bounded_backup(scenario: Scenario, body: Body, bounds: AssuranceBounds) -> B
     return BackupBraking(body.exact_field, body.spin_about_z, limits, bounds, period)
 
 
-def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:
+def make_lidar(
+    scenario: Scenario,
+    shape: Polyhedron,
+    seed: int,
+    moons: Sequence[Moon] = (),
+    spin: SpinModel | None = None,
+) -> PlanarLidar:
     """Makes the true lidar of a scenario.
 
     Args:
       scenario: the scenario.
       shape: the true surface.
       seed: seed of the lidar's noise.
+      moons: those that it sees, unless it is a learned one. spin: the true one, if there are any.
 
     Raises:
       InputError: the bundle of a learned lidar is damaged, or was made for another body or
@@ -214,6 +224,8 @@ def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:
     geometry, period = scenario.lidar_geometry, scenario.control_period_s
     if isinstance(sensor, LidarConfig):
         errors = replace(errors, max_incidence=np.radians(sensor.max_incidence_deg))
+        if moons and spin is not None:
+            return LidarWithMoons(shape, moons, spin, errors, geometry, period, seed)
         return Lidar(shape, errors, geometry, period, seed)
     return LearnedLidar(
         sensor.bundle,
@@ -226,8 +238,13 @@ def make_lidar(scenario: Scenario, shape: Polyhedron, seed: int) -> PlanarLidar:
     )
 
 
-def make_events(scenario: Scenario, body: Body, field: BodyField) -> FlightEvents:
-    """Makes what follows arrival, violations and collision at a body with a true field."""
+def make_events(
+    scenario: Scenario, body: Body, field: BodyField, spin: SpinModel | None = None
+) -> FlightEvents:
+    """Makes what follows arrival, violations and collision at a body with a true field.
+
+    `spin` is the true one; None: as believed.
+    """
     arrival = scenario.arrival
     return FlightEvents(
         field,
@@ -235,6 +252,8 @@ def make_events(scenario: Scenario, body: Body, field: BodyField) -> FlightEvent
         radius=arrival.radius_m,
         speed=arrival.speed_m_s,
         dwell=arrival.dwell_s,
+        moons=body.moons,
+        spin=spin or body.spin,
     )
 
 

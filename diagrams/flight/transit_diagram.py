@@ -28,6 +28,7 @@ from proxops.diagrams.flight.world import (
     add_thrust,
     hold_command,
     received,
+    without_moons,
 )
 from proxops.diagrams.meshcat import LiveView, RigidView, Scene, prepare_live_view
 from proxops.diagrams.scenario import Body, Scenario, TrueBody, World
@@ -139,9 +140,10 @@ def make_transit_diagram(
       A Diagram, named in its parts: gravity, spacecraft, lidar, target, controller (or as it calls
       itself), thrusters, hold, monitor; and, if the flight has them, navigation, navigation_parts,
       command_axes, assurance, disturbance, force_noise, command_limits, command_hold, kicks,
-      sunlight, attitude, attitude_hold, actual_thrust, unexplained_acceleration, acceleration_hold,
-      accelerations, frame_delay, live_view, and log_NAME for every logged port. Its output ports
-      are those that `add_transit` draws. Its default Context is the start of the transit.
+      moons, moon_mask, sunlight, attitude, attitude_hold, actual_thrust, acceleration_hold,
+      unexplained_acceleration, accelerations, frame_delay, live_view, and log_NAME for every logged
+      port. Its output ports are those that `add_transit` draws. Its default Context is the start of
+      the transit.
 
     Raises:
       UnflyableWorldError: the flight cannot begin in its world.
@@ -187,6 +189,7 @@ def diagram_of(
         true |= {name: sensed[name] for name in names}
     else:
         add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
+    true["ranges"] = without_moons(wiring, true["ranges"], sensed.get("body_attitude"))
     command, known = add_on_board(wiring, controller, true, command_hold)
     hold_command(wiring, command, hold, command_hold)
     if isinstance(craft, RigidSpacecraft):

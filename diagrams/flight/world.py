@@ -19,7 +19,15 @@ from proxops.diagrams.flight.wiring import (
     NOISE_STREAM,
     Wiring,
 )
-from proxops.diagrams.scenario import Scenario, TrueThrustersConfig, turns_the_axes
+from proxops.diagrams.scenario import (
+    LidarConfig,
+    RigidBodyConfig,
+    Scenario,
+    TrueThrustersConfig,
+    facets_of,
+    load_spacecraft,
+    turns_the_axes,
+)
 from proxops.systems import (
     ActualThrust,
     AttitudeError,
@@ -36,7 +44,11 @@ from proxops.systems import (
     VelocityKicks,
 )
 from proxops.systems.gravity import Moons
+from proxops.systems.lidar import MoonMask
 from proxops.systems.vehicle import Thrusters
+
+# The body's greatest radius for the mask of moons, over that of its map: the true surface differs.
+_SPARE = 1.05
 
 
 def add_spacecraft(wiring: Wiring) -> Spacecraft | RigidSpacecraft:
@@ -103,6 +115,11 @@ def _sunlight(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> OutputPort
     settings, true_body = wiring.scenario.sunlight, wiring.world.true_body
     assert settings is not None
     mass = craft.GetOutputPort("mass") if craft.HasOutputPort("mass") else None
+    attitude = craft.GetOutputPort("attitude") if craft.HasOutputPort("attitude") else None
+    facets = None
+    if isinstance(rigid := wiring.scenario.spacecraft, RigidBodyConfig):
+        centre = np.array(wiring.scenario.truth.rigid_body.centre_of_mass_m)
+        facets = facets_of(load_spacecraft(rigid.model), centre)
     sunlight = Sunlight(
         settings,
         true_body.shape,
@@ -110,8 +127,10 @@ def _sunlight(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> OutputPort
         craft.mass if mass is None else None,
         true_body.axis_point,
         wiring.scenario.control_period_s,
+        facets,
     )
-    wiring.add("sunlight", sunlight, position=craft.GetOutputPort("position"), mass=mass)
+    place = craft.GetOutputPort("position")
+    wiring.add("sunlight", sunlight, position=place, mass=mass, attitude=attitude)
     wiring.logged["sun_direction"] = sunlight.GetOutputPort("direction")
     return sunlight.GetOutputPort("acceleration")
 
@@ -153,8 +172,9 @@ def add_attitude(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> OutputP
 
 def add_lidar(wiring: Wiring, position: OutputPort, attitude: OutputPort | None) -> PlanarLidar:
     """Adds the true lidar."""
-    shape, seed = wiring.world.true_body.shape, wiring.seed(LIDAR_STREAM)
-    lidar = make_lidar(wiring.scenario, shape, seed)
+    true_body, seed = wiring.world.true_body, wiring.seed(LIDAR_STREAM)
+    moons = wiring.world.body.moons
+    lidar = make_lidar(wiring.scenario, true_body.shape, seed, moons, true_body.spin)
     return wiring.add("lidar", lidar, position=position, attitude=attitude)
 
 
@@ -165,6 +185,21 @@ def received(wiring: Wiring, lidar: PlanarLidar) -> OutputPort:
         return ranges
     delay = FrameDelay(ranges.size(), steps, wiring.scenario.control_period_s)
     return wiring.add("frame_delay", delay, ranges=ranges).GetOutputPort("ranges")
+
+
+def without_moons(wiring: Wiring, ranges: OutputPort, attitude: OutputPort | None) -> OutputPort:
+    """Gives the ranges without the returns of moons, if there are any that the lidar sees.
+
+    `attitude` is R_KS as known on board; None: S has the axes of K.
+    """
+    body, scenario = wiring.world.body, wiring.scenario
+    if not body.moons or not isinstance(scenario.lidar, LidarConfig):
+        return ranges
+    reach = float(np.linalg.norm(body.shape.vertices, axis=1).max())
+    moons = [moon.config for moon in body.moons]
+    mask = MoonMask(scenario.lidar_geometry, moons, body.spin, _SPARE * reach)
+    wiring.add("moon_mask", mask, ranges=ranges, attitude=attitude)
+    return mask.get_output_port()
 
 
 def add_thrust(
@@ -253,6 +288,7 @@ def _limited(wiring: Wiring, force: OutputPort, name: str) -> OutputPort:
 def add_monitor(wiring: Wiring, state: OutputPort, target: OutputPort) -> None:
     """Adds the monitor of arrival, collision and violations of the keep-out ellipsoid."""
     scenario, world = wiring.scenario, wiring.world
-    events = make_events(scenario, world.body, world.true_body.gravity_field)
+    true_body = world.true_body
+    events = make_events(scenario, world.body, true_body.gravity_field, true_body.spin)
     monitor = FlightMonitor(events, scenario.control_period_s)
     wiring.add("monitor", monitor, state=state, target=target)

@@ -78,7 +78,8 @@ class FlightLog:
 
     Other global attributes hold the scenario, the body's constants, the package version and the
     shape's hash. `mesh_vertices` and `mesh_facets` hold the body's mesh as believed, the map;
-    `true_vertices` and `true_facets` hold the true one, if it is another.
+    `true_vertices` and `true_facets` hold the true one, if it is another; `moon_0_vertices` and
+    `moon_0_facets` that of the first moon, in its own axes, if it has one, and so on.
     """
 
     dataset: xr.Dataset
@@ -177,11 +178,21 @@ class FlightLog:
                 )
                 if "true_vertices" in dataset:
                     Polyhedron(dataset["true_vertices"].values, dataset["true_facets"].values)
+                moons = tuple(
+                    Polyhedron(
+                        dataset[f"moon_{number}_vertices"].values,
+                        dataset[f"moon_{number}_facets"].values,
+                        name=moon.mesh,
+                    )
+                    if moon.mesh
+                    else None
+                    for number, moon in enumerate(config.moons)
+                )
         except Exception as error:
             raise InputError(f"{path} is damaged: {error}") from error
         if shape.sha256 != dataset.attrs["shape_sha256"]:
             raise InputError(f"{path}: the mesh does not match its hash; the file is damaged")
-        return cls(dataset, Body(config, shape))
+        return cls(dataset, Body(config, shape, moon_shapes=moons))
 
 
 def make_dataset(
@@ -218,6 +229,9 @@ def make_dataset(
     data |= _mesh("mesh", "", body.shape)
     if true_body.shape is not body.shape:
         data |= _mesh("true", "true_", true_body.shape)
+    for number, shape in enumerate(body.moon_shapes):
+        if shape is not None:
+            data |= _mesh(f"moon_{number}", f"moon_{number}_", shape)
     time = ("time", times, {"units": "s", "long_name": "time since the start of the flight"})
     text = dump_scenario(scenario)
     return xr.Dataset(
@@ -249,10 +263,12 @@ def _variable(
 
 def _mesh(name: str, dimension: str, shape: Polyhedron) -> dict[str, typing.Any]:
     """Gives the variables of a mesh; `dimension` begins the names of their dimensions."""
+    what = f"vertices of the body's {dimension and 'true '}mesh in K"
+    if name.startswith("moon"):
+        what = "vertices of a moon's mesh in its own axes"
     return {
         f"{name}_vertices": (
-            (f"{dimension}vertex", "axis"), shape.vertices,
-            {"units": "m", "long_name": f"vertices of the body's {dimension and 'true '}mesh in K"},
+            (f"{dimension}vertex", "axis"), shape.vertices, {"units": "m", "long_name": what},
         ),
         f"{name}_facets": (
             (f"{dimension}facet", "corner"), shape.facets.astype(np.int32),

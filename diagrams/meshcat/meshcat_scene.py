@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario import Body, TrueBody, spin_axes
 from proxops.systems.common import Vector3, Vectors3, directions_of
-from proxops.systems.gravity import moon_position
+from proxops.systems.gravity import moon_axes, moon_position
 from proxops.systems.navigation import ReturnUse
 from proxops.systems.rotation import TorqueFreeSpin
 
@@ -163,8 +163,13 @@ def move_axes(scene: Scene, time: float, shown: float | None = None) -> None:
 
 
 def add_moons(scene: Scene) -> None:
-    """Adds the moons of the body as balls, at least as large as a point that is seen."""
-    for number, moon in enumerate(scene.body.config.moons):
+    """Adds the moons of the body: their meshes, or balls that are large enough to be seen."""
+    shapes = scene.body.moon_shapes or (None,) * len(scene.body.config.moons)
+    for number, (moon, shape) in enumerate(zip(scene.body.config.moons, shapes, strict=True)):
+        if shape is not None:
+            points = shape.vertices / scene.unit
+            set_mesh(scene.meshcat, f"/moon/{number}", points, shape.facets, _BODY)
+            continue
         radius = max(moon.radius_m / scene.unit, _POINT_SIZE)
         scene.meshcat.SetObject(f"/moon/{number}", Sphere(radius), _BODY)
 
@@ -176,7 +181,9 @@ def move_moons(scene: Scene, time: float, shown: float | None = None) -> None:
     """
     spin = (scene.true_body or scene.body).spin
     for number, moon in enumerate(scene.body.config.moons):
-        pose = scene.pose(moon_position(moon, time, spin))
+        turn: typing.Any = moon_axes(moon, time, spin)
+        place: typing.Any = moon_position(moon, time, spin) / scene.unit
+        pose = RigidTransform(RotationMatrix(turn), place)
         scene.meshcat.SetTransform(f"/moon/{number}", pose, shown)
 
 

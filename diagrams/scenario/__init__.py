@@ -41,6 +41,7 @@ from proxops.diagrams.scenario.spacecraft_model import (
     load_spacecraft,
 )
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
+from proxops.diagrams.scenario.sunlit import facets_of
 from proxops.diagrams.scenario.transits import (
     Transit,
     UnflyableWorldError,
@@ -127,6 +128,7 @@ __all__ = [
     "draw_world",
     "dump_scenario",
     "dump_typed",
+    "facets_of",
     "filter_tuning",
     "given_keys",
     "hover_force",

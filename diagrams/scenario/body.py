@@ -19,7 +19,15 @@ from proxops.systems.common import (
     html_table,
     number,
 )
-from proxops.systems.gravity import BodyField, GravityField, MoonConfig, TabulatedField
+from proxops.systems.gravity import (
+    BodyField,
+    GravityField,
+    Moon,
+    MoonConfig,
+    TabulatedField,
+    ball,
+    moon_position,
+)
 from proxops.systems.rotation import (
     SpinModel,
     SteadySpin,
@@ -27,7 +35,7 @@ from proxops.systems.rotation import (
     TorqueFreeSpin,
     TorqueFreeSpinConfig,
 )
-from proxops.systems.shapes import Polyhedron, mass_properties
+from proxops.systems.shapes import Polyhedron, clearances, mass_properties
 
 # The least and the greatest semi-axis (m) of a keep-out ellipsoid.
 _AXES = (1e-3, 1e9)
@@ -69,6 +77,8 @@ class Body:
     shape: Polyhedron
     gravity: str = "exact"
     """How `gravity_field` computes gravity: `exact`, or `table`."""
+    moon_shapes: tuple[Polyhedron | None, ...] = ()
+    """The mesh of each moon that has one, in its own axes."""
 
     @property
     def spin_rate(self) -> float:
@@ -96,6 +106,29 @@ class Body:
     def times_of_turns(self) -> Values:
         """Times in s over many turns, at which the rotation as a whole is looked at."""
         return np.linspace(0.0, _TURNS * 2.0 * np.pi / self.spin_rate, _TIMES)
+
+    @cached_property
+    def moons(self) -> tuple[Moon, ...]:
+        """The moons that have a surface: a mesh, or the ball of their radius."""
+        shapes = self.moon_shapes or (None,) * len(self.config.moons)
+        found = []
+        for config, shape in zip(self.config.moons, shapes, strict=True):
+            if shape is not None or config.radius_m > 0.0:
+                found.append(Moon(config, shape or ball(config.radius_m)))
+        return tuple(found)
+
+    @cached_property
+    def moon_depths(self) -> list[float]:
+        """How far in m the centre of each moon is inside the keep-out ellipsoid at least.
+
+        0 where a moon's ball is not always inside. Its way is looked at over many turns.
+        """
+        depths = []
+        for moon in self.config.moons:
+            way = np.array([moon_position(moon, t, self.spin) for t in self.times_of_turns])
+            depth = -float(clearances(self.keep_out_semi_axes, way).max())
+            depths.append(depth if depth > moon.radius_m else 0.0)
+        return depths
 
     def inertia_of(self, shape: Polyhedron) -> Matrix3:
         """The inertia (3, 3) of a body of a shape, up to a factor, about its centre of mass in K.
@@ -187,7 +220,13 @@ def load_body(name_or_path: str | Path) -> Body:
     if missing:
         raise InputError(f"{path}: these keys are missing: {', '.join(missing)}")
     shape = Polyhedron.load(path.parent / config.mesh, config.mesh_unit)
-    body = Body(config, shape.recentred())
+    moons = tuple(
+        Polyhedron.load(path.parent / moon.mesh, config.mesh_unit).recentred()
+        if moon.mesh
+        else None
+        for moon in config.moons
+    )
+    body = Body(config, shape.recentred(), moon_shapes=moons)
     check_body(body, str(path))
     return body
 
@@ -233,6 +272,13 @@ def check_body(body: Body, source: str) -> None:
         _ = body.spin
     except InputError as error:
         raise InputError(f"{source}: rotation.inertia: {error}") from error
+    for k, moon in enumerate(body.moons):
+        reach = float(np.linalg.norm(moon.shape.vertices, axis=1).max())
+        if reach > (1.0 + 1e-9) * moon.config.radius_m:
+            raise InputError(
+                f"{source}: moons[{k}]: the mesh sticks out of the ball of radius_m, which must be "
+                f"at least {reach:.6g}"
+            )
     level = np.linalg.norm(body.shape.vertices / axes, axis=1)
     if level.max() >= 1.0:
         raise InputError(

@@ -22,13 +22,14 @@ from proxops.diagrams.scenario.keys import differing_values, value_at
 from proxops.diagrams.scenario.quantities import QUANTITIES, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
+from proxops.diagrams.scenario.sunlit import greatest_by_sun
 from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path, load_typed, read_mapping
 from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.common import InputError, check_limits, spread_directions, values_in_words
 from proxops.systems.gravity import GravityField, greatest_tide
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.shapes import HEIGHT, Polyhedron, displaced
-from proxops.systems.vehicle import STANDARD_GRAVITY, greatest_sunlight
+from proxops.systems.vehicle import STANDARD_GRAVITY
 
 # What has a normal distribution at each time, such as a Gauss-Markov process, has no end. It is
 # cut at this many standard deviations, and the roughness of a surface at its own 3 sigma.
@@ -311,8 +312,24 @@ def _acceleration(dispersions: Dispersions) -> float:
     far = _FAR * float(body.keep_out_semi_axes.max())
     speed = math.sqrt(3.0) * craft.speed_limit_m_s
     rotation = 2.0 * error * speed + (2.0 * spin + error) * error * far + spin**2 * shift
-    moons = greatest_tide(body.config.moons, far)
+    moons = _moons(body, far)
     return forces / craft.mass_kg + pushes + gravity + rotation + moons
+
+
+def _moons(body: Body, far: float) -> float:
+    """The greatest tide of moons in m/s^2, up to a distance in m.
+
+    Raises:
+      InputError: one comes as near, and is not always inside the keep-out ellipsoid.
+    """
+    tide = greatest_tide(body.config.moons, far, body.moon_depths)
+    if not tide < math.inf:
+        raise InputError(
+            f"a moon of {body.config.name} comes within {far:g} m of it and is not always inside "
+            "the keep-out ellipsoid, which alone runtime assurance keeps out of: give the body an "
+            "ellipsoid that holds its orbit, or fly without assurance"
+        )
+    return tide
 
 
 def _sunlight(dispersions: Dispersions, error: float) -> float:
@@ -321,10 +338,8 @@ def _sunlight(dispersions: Dispersions, error: float) -> float:
     `error` is that of the spacecraft's mass, over it.
     """
     scenario = dispersions.scenario
-    if scenario.sunlight is None:
-        return 0.0
     far = _FAR * float(dispersions.body.keep_out_semi_axes.max())
-    return greatest_sunlight(scenario.sunlight, (1.0 - error) * scenario.spacecraft.mass_kg, far)
+    return greatest_by_sun(scenario, (1.0 - error) * scenario.spacecraft.mass_kg, far)
 
 
 @functools.lru_cache(maxsize=4)

@@ -25,7 +25,7 @@ Overrides = typing.Sequence[str] | typing.Mapping[str, typing.Any]
 """Texts `key.subkey=value`, whose values are YAML, or a mapping of such keys to values."""
 
 # The value of each key is a path, or null.
-_PATHS = ("lidar.bundle", "policy.bundle", "truth.mesh", "navigation.map")
+_PATHS = ("lidar.bundle", "policy.bundle", "truth.mesh", "navigation.map", "sunlight.kernels")
 # The value of each key is the path of a YAML file, or a name that is none.
 _NAMES_OR_PATHS = ("body", "dispersions", "assurance.bounds", "spacecraft.model")
 

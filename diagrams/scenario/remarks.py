@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -31,7 +32,7 @@ def scenario_remarks(scenario: Scenario, body: Body) -> list[str]:
     Args:
       scenario: as the user gave it, before a draw. body: as believed.
     """
-    parts = _untold, _tumbling, _proportions, _reach, _mpc
+    parts = _untold, _tumbling, _moons, _proportions, _reach, _mpc
     return [remark for part in parts for remark in part(scenario, body)]
 
 
@@ -65,6 +66,19 @@ def _tumbling(scenario: Scenario, body: Body) -> Iterator[str]:
             "the Δv may double; a body's file with `rotation: !TorqueFreeSpin {}` tells what is on "
             "board (docs/method/rotation.md)"
         )
+
+
+def _moons(scenario: Scenario, body: Body) -> Iterator[str]:
+    """On moons that a transit may meet."""
+    far = math.sqrt(3.0) / 2.0 * scenario.transit.cube_m
+    for moon, depth in zip(body.config.moons, body.moon_depths, strict=True):
+        nearest = moon.semi_major_axis_m * (1.0 - moon.eccentricity) - moon.radius_m
+        if moon.radius_m > 0.0 and depth == 0.0 and nearest < far:
+            yield (
+                f"a moon of {body.config.name} comes within {nearest:.4g} m of it, outside the "
+                "keep-out ellipsoid: nothing on board avoids it, so a transit may end in it; an "
+                "ellipsoid that holds its orbit keeps away from it"
+            )
 
 
 def _proportions(scenario: Scenario, body: Body) -> Iterator[str]:

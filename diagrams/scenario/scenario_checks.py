@@ -73,6 +73,8 @@ def _sunlight(scenario: Scenario) -> Iterator[str]:
     sunlight = scenario.sunlight
     if sunlight is None:
         return
+    if sunlight.kernels is not None and not (sunlight.spice_body and sunlight.epoch):
+        yield "sunlight.kernels needs sunlight.spice_body and sunlight.epoch"
     direction, pole = sunlight.direction, sunlight.orbit_pole
     for name, value in (("direction", direction), ("orbit_pole", pole)):
         if not any(value):

@@ -52,6 +52,10 @@ class SpacecraftModelConfig:
     wheels: list[str] = dc.field(default_factory=list)
     wheel_torque_n_m: float = number(0.1, at_least=1e-9, at_most=1e6, unit="N m")
     wheel_momentum_n_m_s: float = number(4.0, at_least=1e-9, at_most=1e9, unit="N m s")
+    # Shares of the light that the outside throws back: as a mirror, and to all sides. The rest is
+    # absorbed.
+    specular: float = number(0.2, at_least=0.0, at_most=1.0)
+    diffuse: float = number(0.1, at_least=0.0, at_most=1.0)
     gyro: GyroConfig = dc.field(default_factory=GyroConfig)
     star_tracker: StarTrackerConfig = dc.field(default_factory=StarTrackerConfig)
 
@@ -167,6 +171,8 @@ def _changed(path: Path) -> int:
 def _settings(path: Path, changed: int) -> SpacecraftModelConfig:
     settings = load_typed(SpacecraftModelConfig, read_mapping(path), str(path))
     check_limits(settings, str(path))
+    if settings.specular + settings.diffuse > 1.0:
+        raise InputError(f"{path}: specular and diffuse must sum to at most 1")
     return settings
 
 

@@ -12,7 +12,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from proxops.diagrams.scenario.spacecraft_model import SpacecraftModel
 from proxops.systems.common import Vectors3
 
-_CORNERS = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+CORNERS = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+"""The corners (8, 3) of a cube of edges of 2, in the order of `Solid.corners`."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def _equal_box(model: SpacecraftModel) -> Solid:
 
 def _corners(pose: RigidTransform, half: np.ndarray) -> Vectors3:
     """The corners (8, 3) of a box of half the edges (3,) in m, at a pose."""
-    return (pose @ _untyped((_CORNERS * half).T)).T
+    return (pose @ _untyped((CORNERS * half).T)).T
 
 
 def _untyped(array: np.ndarray) -> typing.Any:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses as dc
+from collections.abc import Iterator
 
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body, apparent_gravity, load_body
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems.common import InputError, Values, Vector3, Vectors3, generator
+from proxops.systems.gravity import moon_position
 from proxops.systems.shapes import blocks_segment, clearances
 
 # Of every ten transits, the ones with these numbers are blocked by the keep-out ellipsoid.
@@ -16,6 +18,8 @@ _BLOCKED = (1, 4, 7)
 _MASS = "spacecraft.mass_kg"
 # Draws before the search for a transit is given up.
 _ATTEMPTS = 100_000
+# Control steps from one look at where moons are to the next.
+_LOOKS = 5
 
 
 class UnflyableWorldError(InputError):
@@ -124,6 +128,26 @@ def hover_force(positions: Vectors3, mass: float, body: Body) -> Values:
     return mass * np.abs(apparent_gravity(gravity, positions, body.spin)).max(axis=1)
 
 
+def _met_by_moons(scenario: Scenario, body: Body, ends: Vectors3) -> Iterator[str]:
+    """Yields a sentence for each end (2, 3) of a transit that a moon's ball meets in time.
+
+    Nothing on board avoids moons; the ways between the ends are not looked at.
+    """
+    arrival, period = scenario.arrival, scenario.control_period_s
+    times = np.arange(0.0, arrival.deadline_s + arrival.dwell_s, _LOOKS * period)
+    for moon in body.moons:
+        way = np.array([moon_position(moon.config, time, body.spin) for time in times])
+        away = np.linalg.norm(way[:, None] - ends, axis=2)
+        # Its start is left at once, its goal is kept.
+        for name, gone in (("start", away[:1, 0]), ("goal", away[:, 1])):
+            if gone.min() < moon.config.radius_m:
+                yield (
+                    f"the {name} is {gone.min():.4g} m from the centre of a moon of "
+                    f"{body.config.name} at {times[gone.argmin()]:.0f} s, within its ball of "
+                    f"{moon.config.radius_m:g} m, which nothing on board avoids"
+                )
+
+
 def scenario_transit(scenario: Scenario, body: Body) -> Transit:
     """Gives the transit of a scenario: its given start and goal, or one that is drawn.
 
@@ -137,6 +161,8 @@ def scenario_transit(scenario: Scenario, body: Body) -> Transit:
     velocity = np.array(rules.start_velocity_m_s or [0.0, 0.0, 0.0], dtype=np.float64)
     if rules.start_m is None or rules.goal_m is None:
         drawn = draw_transit(rules.seed, rules.index, scenario, body)
+        for complaint in _met_by_moons(scenario, body, np.stack([drawn.start, drawn.goal])):
+            raise UnflyableWorldError(complaint)
         return dc.replace(drawn, start_velocity=velocity)
     start = np.array(rules.start_m, dtype=np.float64)
     goal = np.array(rules.goal_m, dtype=np.float64)
@@ -145,6 +171,8 @@ def scenario_transit(scenario: Scenario, body: Body) -> Transit:
     depth = -clearances(body.keep_out_semi_axes, ends)
     force = hover_force(ends, scenario.spacecraft.mass_kg, body)
     limit = scenario.spacecraft.thrust_limit_n
+    for complaint in _met_by_moons(scenario, body, ends):
+        raise InputError(f"transit: {complaint}")
     for k, name in enumerate(("start_m", "goal_m")):
         where = f"transit.{name} = {ends[k].tolist()}"
         if inside[k]:

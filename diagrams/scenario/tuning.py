@@ -18,6 +18,7 @@ from proxops.diagrams.scenario.dispersions import Dispersions
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
+from proxops.diagrams.scenario.sunlit import greatest_by_sun
 from proxops.systems.attitude import settled_noise
 from proxops.systems.common import LONG, InputError, limits_of
 from proxops.systems.gravity import GravityField, greatest_tide
@@ -28,7 +29,6 @@ from proxops.systems.vehicle import (
     ForceNoiseConfig,
     KicksConfig,
     RandomWalkDisturbanceConfig,
-    greatest_sunlight,
 )
 
 _Drawn = ForceNoiseConfig | KicksConfig | RandomWalkDisturbanceConfig | BouldersConfig
@@ -134,9 +134,9 @@ def _add_disturbances(errors: ExpectedErrors, dispersions: Dispersions) -> None:
     body, sunlight = dispersions.body, dispersions.scenario.sunlight
     far, turn = float(body.keep_out_semi_axes.max()), min(1.0 / body.spin_rate, LONG)
     if body.config.moons:
-        parts.append((greatest_tide(body.config.moons, far), turn))
+        parts.append((greatest_tide(body.config.moons, far, body.moon_depths), turn))
     if sunlight is not None:
-        parts.append((greatest_sunlight(sunlight, craft.mass_kg, far), turn))
+        parts.append((greatest_by_sun(dispersions.scenario, craft.mass_kg, far), turn))
     variance = sum(std**2 for std, _ in parts)
     if len(parts) > 1 and variance > 0.0:
         errors.acceleration_varying_m_s2 = math.sqrt(variance)

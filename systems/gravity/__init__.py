@@ -18,7 +18,16 @@ from proxops.systems.gravity.gravity_field import (
     Gravity,
     GravityField,
 )
-from proxops.systems.gravity.moons import MoonConfig, Moons, greatest_tide, moon_position, tide_of
+from proxops.systems.gravity.moons import (
+    Moon,
+    MoonConfig,
+    Moons,
+    ball,
+    greatest_tide,
+    moon_axes,
+    moon_position,
+    tide_of,
+)
 from proxops.systems.gravity.point_mass_field import PointMassField
 from proxops.systems.gravity.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
 from proxops.systems.gravity.surface_maps import (
@@ -40,6 +49,7 @@ __all__ = [
     "FieldTables",
     "Gravity",
     "GravityField",
+    "Moon",
     "MoonConfig",
     "Moons",
     "PlaneCut",
@@ -47,10 +57,12 @@ __all__ = [
     "PolyhedralGravity",
     "PolyhedralGravity_",
     "TabulatedField",
+    "ball",
     "effective_field",
     "find_equilibria",
     "gravity_at",
     "greatest_tide",
+    "moon_axes",
     "moon_position",
     "plane_cut",
     "surface_map",

@@ -1,29 +1,44 @@
-"""Moons: point masses that go round the body on Kepler's ellipses."""
+"""Moons: they go round the body on Kepler's ellipses, pull as point masses, and have a surface."""
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import FAR, LONG, Vector3, config, number, rotation_matrix
+from proxops.systems.common import (
+    FAR,
+    LONG,
+    Matrix3,
+    Vector3,
+    config,
+    number,
+    rotation_matrix,
+    spread_directions,
+)
 from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
 from proxops.systems.rotation import Spin, SpinModel, spin_model
+from proxops.systems.shapes import Polyhedron, ray_caster
 
 # Newton's method on Kepler's equation ends at this step (rad), or after so many.
 _STEP, _MOST_STEPS = 1e-14, 50
+# Vertices of a ball: it is 0.3 % of its radius flat at most.
+_POINTS = 1000
 
 
 @config
 class MoonConfig:
-    """A moon: a ball on an ellipse that stays where it is among the stars.
+    """A moon on an ellipse that stays where it is among the stars.
 
     Its elements are against the body's equator at the start of a flight: the axes of K, then.
     """
 
     mass_kg: float = number(0.0, at_least=0.0, at_most=1e25, unit="kg")
-    # It is only drawn.
+    # Of the ball about it that nothing should enter. Without a mesh it is this ball.
     radius_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
     semi_major_axis_m: float = number(1.0, at_least=1e-3, at_most=1e3 * FAR, unit="m")
     period_s: float = number(1.0, at_least=1e-3, at_most=LONG, unit="s")
@@ -35,6 +50,9 @@ class MoonConfig:
     node_deg: float = number(0.0, at_least=-360.0, at_most=360.0, unit="degrees")
     pericentre_deg: float = number(0.0, at_least=-360.0, at_most=360.0, unit="degrees")
     mean_anomaly_deg: float = number(0.0, at_least=-360.0, at_most=360.0, unit="degrees")
+    # Mesh file in the unit of the body's; its path is relative to the body's YAML file. Its x
+    # points at the body and its z along the orbit's pole: it turns once in an orbit.
+    mesh: str = ""
 
 
 def moon_position(moon: MoonConfig, time: float, spin: SpinModel) -> Vector3:
@@ -69,6 +87,75 @@ def _orbit_axes(moon: MoonConfig) -> np.ndarray:
     )
 
 
+def moon_axes(moon: MoonConfig, time: float, spin: SpinModel) -> Matrix3:
+    """R_KM (3, 3): the axes of a moon's mesh in those of K, in columns.
+
+    One side faces the body: x points from the moon to it, z along the orbit's pole. So on an
+    ellipse it turns at the pace of its true anomaly, without a libration.
+    """
+    x = -moon_position(moon, time, spin)
+    x /= np.linalg.norm(x)
+    z = rotation_matrix(spin.attitude(time)).T @ _orbit_axes(moon)[:, 2]
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+@dataclass(frozen=True)
+class Moon:
+    """A moon with its surface."""
+
+    config: MoonConfig
+    shape: Polyhedron
+    """About its centre of mass, in its own axes: see `moon_axes`."""
+
+    def hits(self, start: Vector3, end: Vector3, times: tuple[float, float], spin: Spin) -> bool:
+        """Whether a straight way meets the surface.
+
+        Args:
+          start, end: (3,) in m from the body's centre of mass, along the axes of K.
+          times: in s, at both. spin: how K turns.
+        """
+        model = spin_model(spin)
+        ends = [
+            moon_axes(self.config, time, model).T
+            @ (place - moon_position(self.config, time, model))
+            for place, time in zip((start, end), times, strict=True)
+        ]
+        way = ends[1] - ends[0]
+        length = float(np.linalg.norm(way))
+        if length == 0.0:
+            return False
+        return bool(ray_caster(self.shape).distances(ends[:1], way[None] / length)[0] <= length)
+
+    def distance(
+        self, start: Vector3, end: Vector3, times: tuple[float, float], spin: Spin
+    ) -> tuple[float, float]:
+        """How far from its centre a straight way begins, and passes at least, in m: as `hits`."""
+        model = spin_model(spin)
+        a, b = (
+            place - moon_position(self.config, time, model)
+            for place, time in zip((start, end), times, strict=True)
+        )
+        way = b - a
+        square = float(way @ way)
+        share = min(max(-float(a @ way) / square, 0.0), 1.0) if square > 0.0 else 0.0
+        return float(np.linalg.norm(a)), float(np.linalg.norm(a + share * way))
+
+
+@functools.lru_cache(maxsize=8)
+def ball(radius: float) -> Polyhedron:
+    """A ball of a radius in m as a mesh, about the origin: of a moon without a mesh."""
+    from scipy.spatial import ConvexHull  # Slow to import.
+
+    points = radius * spread_directions(_POINTS)
+    hull = ConvexHull(points)
+    facets = hull.simplices.copy()
+    outward = np.einsum("fi,fi->f", np.cross(
+        points[facets[:, 1]] - points[facets[:, 0]], points[facets[:, 2]] - points[facets[:, 0]]
+    ), points[facets[:, 0]])  # fmt: skip
+    facets[outward < 0.0] = facets[outward < 0.0][:, ::-1]
+    return Polyhedron(points, facets, "ball")
+
+
 def tide_of(mass: float, moon: Vector3, position: Vector3) -> Vector3:
     """What a point mass adds to the motion about the body (3,), in m/s^2.
 
@@ -80,17 +167,26 @@ def tide_of(mass: float, moon: Vector3, position: Vector3) -> Vector3:
     return GRAVITATIONAL_CONSTANT * mass * pull
 
 
-def greatest_tide(moons: list[MoonConfig], far: float) -> float:
-    """A bound of the tide of moons in m/s^2, up to a distance in m from the body.
+def greatest_tide(
+    moons: Sequence[MoonConfig], far: float, depths: Sequence[float] | None = None
+) -> float:
+    """A bound of the tide of moons in m/s^2, outside an ellipsoid and up to a distance.
 
     It is that on the line to each moon, as near as it comes; inf where a moon comes as near.
+
+    Args:
+      moons: the moons. far: the distance, in m from the body.
+      depths: how far in m each moon is always inside of the ellipsoid; 0: it is not. None: 0.
     """
     total = 0.0
-    for moon in moons:
+    for moon, depth in zip(moons, depths or [0.0] * len(moons), strict=True):
         nearest = moon.semi_major_axis_m * (1.0 - moon.eccentricity)
-        if nearest <= far:
+        if depth > 0.0:
+            pull = 1.0 / depth**2 + 1.0 / nearest**2
+        elif nearest <= far:
             return math.inf
-        pull = 1.0 / (nearest - far) ** 2 - 1.0 / nearest**2
+        else:
+            pull = 1.0 / (nearest - far) ** 2 - 1.0 / nearest**2
         total += GRAVITATIONAL_CONSTANT * moon.mass_kg * pull
     return total
 

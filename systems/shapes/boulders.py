@@ -10,9 +10,8 @@ from proxops.systems.shapes.displacement import vertex_normals
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 HEIGHT, DEPTH = 0.4, 0.1
-"""Height of a boulder and depth of a crater, over its width. Boulders of Ryugu are 0.44 times as
-high as long, and buried in part (Michikami et al. 2019, Icarus 331, 179); craters of Bennu and Ryugu
-are some 0.1 times as deep as wide (Daly et al. 2020; Noguchi et al. 2021, Icarus 354, 114016)."""
+"""Height of a boulder and depth of a crater, over its width: judgement. Boulders of Ryugu are some
+0.4 times as high as long, and buried in part (Michikami et al. 2019, Icarus 331, 179)."""
 # A form is this many edges of the mesh wide, at least; and the most facets of a mesh.
 _EDGES, _MOST_FACETS = 2.0, 100_000
 # Likeness of the heights of one boulder falls to exp(-1/2) over this share of its width.

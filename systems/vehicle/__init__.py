@@ -33,6 +33,7 @@ from proxops.systems.vehicle.disturbance_acceleration import (
     TrueAccelerationConfig,
     UnexplainedAcceleration,
 )
+from proxops.systems.vehicle.facets import Facets, light_on_facets
 from proxops.systems.vehicle.flight_events import (
     COLLIDED,
     ENTERED_GOAL,
@@ -75,8 +76,10 @@ from proxops.systems.vehicle.state_prediction import (
 from proxops.systems.vehicle.sunlight import (
     Sunlight,
     SunlightConfig,
+    at_its_distance,
     greatest_sunlight,
     light_acceleration,
+    light_pressure,
 )
 from proxops.systems.vehicle.thrusters import Thrusters
 from proxops.systems.vehicle.velocity_kicks import KicksConfig, VelocityKicks
@@ -93,6 +96,7 @@ __all__ = [
     "AttitudeError",
     "CommandAxes",
     "DelayedHold",
+    "Facets",
     "FlightEvents",
     "FlightLimits",
     "FlightMonitor",
@@ -119,12 +123,15 @@ __all__ = [
     "TrueThrustersConfig",
     "UnexplainedAcceleration",
     "VelocityKicks",
+    "at_its_distance",
     "believed_acceleration",
     "believed_axes",
     "gauss_markov_at",
     "greatest_sunlight",
     "hermite_curve",
     "light_acceleration",
+    "light_on_facets",
+    "light_pressure",
     "moved_by",
     "phase_vector",
     "predicted_state",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,8 @@ from proxops.systems.common import (
     kernel,
     number,
 )
-from proxops.systems.gravity import BodyField
+from proxops.systems.gravity import BodyField, Moon
+from proxops.systems.rotation import Spin
 from proxops.systems.shapes import (
     blocks_segment,
     clearances,
@@ -111,6 +113,8 @@ class FlightEvents:
         radius: float,
         speed: float,
         dwell: float,
+        moons: Sequence[Moon] = (),
+        spin: Spin = 0.0,
     ):
         """Takes the true body and what counts as arrival and as violation.
 
@@ -119,6 +123,9 @@ class FlightEvents:
           keep_out_semi_axes: (3,) in m, of the keep-out ellipsoid. The true mesh may stick out.
           radius, speed: size of the goal region in m and m/s.
           dwell: time in s in the goal region after which the flight ends.
+          moons: the body's. To enter the ball about one counts as a violation, to meet its surface
+            as a collision, both by the straight way from one control step to the next.
+          spin: of the body, with which moons go round in K.
         """
         check_positive("a flight", radius=radius, speed=speed)
         check_not_negative("a flight", dwell=dwell)
@@ -129,6 +136,7 @@ class FlightEvents:
         self._radius, self._speed, self._dwell = radius, speed, dwell
         self._regions = _Regions(self._around, float(radius), float(speed))
         self._caster = ray_caster(field.shape)
+        self._moons, self._spin = moons, spin
 
     def is_in_body(self, position: Vector3) -> bool:
         """Whether a position (3,) in m lies inside the true mesh."""
@@ -155,17 +163,32 @@ class FlightEvents:
         blocked = blocks_segment(self._around, start[:3], end[:3])
         if blocked and self._hits_body(start[:3], end[:3]):
             outcome[COLLIDED] = 1.0
+        for moon in self._moons:
+            self._pass(outcome, moon, path)
         return outcome
+
+    def _pass(self, outcome: np.ndarray, moon: Moon, path: FlownPath) -> None:
+        """Counts in an outcome, in place, what a path does at a moon."""
+        start, end = path.states[:, :3]
+        way = start, end, (path.time, path.time + path.span), self._spin
+        radius = moon.config.radius_m
+        first, nearest = moon.distance(*way)
+        if nearest < radius:
+            outcome[VIOLATIONS] += float(first >= radius)
+            outcome[COLLIDED] = max(outcome[COLLIDED], float(moon.hits(*way)))
 
     def nothing_happens(self, starts: States, ends: States, targets: States, span: float) -> Values:
         """Which of many paths (N,), bool, surely leave an outcome outside the goal region as it is.
 
-        Such a path ends outside the goal region, far from the ellipsoid. Of others it says False.
+        Such a path ends outside the goal region, far from the ellipsoid. Of others it says False,
+        and of all where there are moons.
 
         Args:
           starts, ends: (N, 6) states in m and m/s. targets: (N, 6), at the end.
           span: how long the paths take, in s.
         """
+        if self._moons:
+            return np.zeros(len(starts), dtype=bool)
         quiet = np.empty(len(starts), dtype=bool)
         _find_uneventful(starts, ends, targets, span, self._regions, quiet)
         return quiet

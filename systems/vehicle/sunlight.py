@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -21,10 +22,14 @@ from proxops.systems.common import (
     quaternion_inverse,
     quaternion_of,
     rotated,
+    rotation_matrix,
     vector,
+    vector_of,
 )
 from proxops.systems.rotation import SpinModel
 from proxops.systems.shapes import Polyhedron, ray_caster
+from proxops.systems.vehicle.facets import Facets, light_on_facets
+from proxops.systems.vehicle.sun_ephemeris import SunEphemeris, sun_ephemeris
 
 # Power of sunlight at 1 au in W/m^2 and GM of the Sun in m^3/s^2: nominal values of the
 # International Astronomical Union, resolution B3 of 2015.
@@ -36,7 +41,10 @@ _DAY = 86400.0
 
 @config
 class SunlightConfig:
-    """The Sun, and how the spacecraft takes its light: as a ball, which has no front."""
+    """The Sun, and how a point takes its light: as a ball, which has no front.
+
+    A rigid spacecraft takes it with its facets.
+    """
 
     # Direction from the body to the Sun at the start, in the frame N, which does not turn and has
     # the axes of K then. Its length does not matter.
@@ -47,7 +55,15 @@ class SunlightConfig:
     year_days: float | None = number(None, at_least=1e-3, at_most=LONG, unit="days")
     # Direction in N about which it goes round, at right angles to `direction`.
     orbit_pole: list[float] = vector([0.0, 0.0, 1.0], at_least=-FAR, at_most=FAR)
-    # Area that the spacecraft shows to the Sun from any side.
+    # SPICE kernel that says where the Sun is instead of `direction`, or a meta-kernel that names
+    # several; the distance is then that at the start, and stays as it is.
+    kernels: str | None = None
+    # The body by its name or number in the kernels, and when the flight starts, as SPICE reads it.
+    spice_body: str = ""
+    epoch: str = ""
+    # The frame of SPICE whose axes N has: those at the start, which for one of a body are K's.
+    spice_frame: str = "ECLIPJ2000"
+    # Area that the spacecraft, if it is a point, shows to the Sun from any side.
     area_m2: float = number(1.0, at_least=0.0, at_most=1e6, unit="m^2")
     # Coefficient of reflectivity: 1 of a surface that takes up all light, 2 of one that throws all
     # of it back to where it came from.
@@ -59,12 +75,28 @@ def sun_direction(time: float, settings: SunlightConfig) -> Vector:
 
     It goes round the pole of the orbit in the sense in which the body goes round the Sun.
     """
+    if settings.kernels is not None:
+        return vector_of(_ephemeris(settings).direction(time))
     start = _unit(settings.direction)
     if settings.year_days is None:
         return start
     angle = 2.0 * math.pi * time / (settings.year_days * _DAY)
     x, y, z = _unit(settings.orbit_pole)
     return rotated(quaternion_of((angle * x, angle * y, angle * z)), start)
+
+
+def _ephemeris(settings: SunlightConfig) -> SunEphemeris:
+    assert settings.kernels is not None
+    return sun_ephemeris(
+        settings.kernels, settings.spice_body, settings.epoch, settings.spice_frame
+    )
+
+
+def at_its_distance(settings: SunlightConfig) -> SunlightConfig:
+    """The settings with the Sun's distance at the start from the kernels, if there are any."""
+    if settings.kernels is None:
+        return settings
+    return replace(settings, distance_au=_ephemeris(settings).distance_au)
 
 
 def _unit(direction: list[float]) -> Vector:
@@ -79,8 +111,12 @@ def light_acceleration(settings: SunlightConfig, mass: float) -> float:
     (S / c) C A / (m d^2), with the irradiance S at 1 au and the distance d in au: Montenbruck and
     Gill, Satellite Orbits, 2000, equation 3.75.
     """
-    pressure = _IRRADIANCE / _LIGHT / settings.distance_au**2
-    return pressure * settings.reflectivity * settings.area_m2 / mass
+    return light_pressure(settings) * settings.reflectivity * settings.area_m2 / mass
+
+
+def light_pressure(settings: SunlightConfig) -> float:
+    """Pressure of sunlight in N/m^2 on what absorbs it, (S / c) / d^2."""
+    return _IRRADIANCE / _LIGHT / settings.distance_au**2
 
 
 def solar_tide(arm: Vector, direction: Vector, distance_au: float) -> Vector:
@@ -99,14 +135,19 @@ def solar_tide(arm: Vector, direction: Vector, distance_au: float) -> Vector:
     return rate * (along * a - x), rate * (along * b - y), rate * (along * c - z)
 
 
-def greatest_sunlight(settings: SunlightConfig, mass: float, distance: float) -> float:
+def greatest_sunlight(
+    settings: SunlightConfig, mass: float, distance: float, shown: float | None = None
+) -> float:
     """The greatest acceleration in m/s^2 by light and tide.
 
     Args:
       settings: the Sun. mass: the least of the spacecraft, in kg.
       distance: the greatest from the centre of mass, in m.
+      shown: the greatest force over pressure in m^2, of facets; None: that of the ball.
     """
     tide = 2.0 * _SUN / (settings.distance_au * _AU) ** 3 * distance
+    if shown is not None:
+        return light_pressure(settings) * shown / mass + tide
     return light_acceleration(settings, mass) + tide
 
 
@@ -129,10 +170,13 @@ class Sunlight(LeafSystem):
     ```
     position (3), m, K ─►┌──────────┐─► acceleration (3), m/s^2, K
     mass (1), kg ───────►│ Sunlight │─► direction (3), K: unit vector to the Sun
-      (if it changes)    └──────────┘
+      (if it changes)    │          │
+    attitude (4) ───────►│          │─► torque (3), N m, S
+      (with facets)      └──────────┘     (with facets)
     ```
 
-    Light pushes away from the Sun, as `light_acceleration` says, and not in the body's shadow.
+    Light pushes a ball away from the Sun, as `light_acceleration` says, or facets, as
+    `light_on_facets` does, and not in the body's shadow. `attitude` is R_KS.
     Whether the spacecraft is in it is discrete state, found by a ray at each control step and kept
     until the next: an integrator meets no jump within a step, and casts no rays. So the shadow
     begins and ends up to a period late. The tide acts everywhere.
@@ -146,6 +190,7 @@ class Sunlight(LeafSystem):
         mass: float | None,
         axis_point: Vector3 | Vector = (0.0, 0.0, 0.0),
         period: float = 10.0,
+        facets: Facets | None = None,
     ):
         """Takes the Sun, and body and spacecraft as they truly are.
 
@@ -156,18 +201,24 @@ class Sunlight(LeafSystem):
           mass: of the spacecraft in kg; None: it has a port for it.
           axis_point: centre of mass (3,) of the body in m in K.
           period: control period in s.
+          facets: of the spacecraft; None: it is a ball.
         """
         super().__init__()
         if mass is not None:
             check_positive("Sunlight", mass=mass)
         check_positive("Sunlight", period=period)
-        self.settings, self.shape, self.spin, self.mass = settings, shape, spin, mass
+        self.settings = at_its_distance(settings)
+        self.shape, self.spin, self.mass = shape, spin, mass
         self.axis_point = finite_vector("Sunlight", "axis_point", axis_point)
+        self.facets = facets
         self._position_port = self.DeclareVectorInputPort("position", 3)
         depends = {self.time_ticket(), self._position_port.ticket(), self.xd_ticket()}
         if mass is None:
             self._mass_port = self.DeclareVectorInputPort("mass", 1)
             depends.add(self._mass_port.ticket())
+        if facets is not None:
+            self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
+            depends.add(self._attitude_port.ticket())
         self.DeclareVectorOutputPort(
             "acceleration",
             3,
@@ -180,6 +231,13 @@ class Sunlight(LeafSystem):
             lambda context, output: output.SetFromVector(self.direction(context.get_time())),
             {self.time_ticket()},
         )
+        if facets is not None:
+            self.DeclareVectorOutputPort(
+                "torque",
+                3,
+                lambda context, output: output.SetFromVector(self._on_facets(context)[1]),
+                {self.time_ticket(), self._attitude_port.ticket(), self.xd_ticket()},
+            )
         shadow = self.DeclareDiscreteState(1)
         self.DeclarePeriodicDiscreteUpdateEvent(
             period, 0.0, lambda context, state: state.set_value(shadow, self._shadow(context))
@@ -195,12 +253,27 @@ class Sunlight(LeafSystem):
         place, direction = self._position_port.Eval(context), self.direction(context.get_time())
         return in_shadow(self.shape, place[None], np.array([direction])).astype(float)
 
+    def _on_facets(self, context) -> tuple[Vector3, Vector3]:
+        """Force (3,) in N, along the axes of K, and torque (3,) in N m, in S."""
+        if context.get_discrete_state_vector()[0]:
+            return np.zeros(3), np.zeros(3)
+        assert self.facets is not None
+        turn = rotation_matrix(self._attitude_port.Eval(context))
+        direction = turn.T @ self.direction(context.get_time())
+        force, torque = light_on_facets(self.facets, direction)
+        pressure = light_pressure(self.settings)
+        return pressure * (turn @ force), pressure * torque
+
     def _acceleration(self, context) -> Vector:
         # Number by number, as in `rotating_frame_acceleration`: seven times a step in flight.
         direction = self.direction(context.get_time())
         x, y, z = self._position_port.Eval(context).tolist()
         p, q, r = self.axis_point
         tide = solar_tide((x - p, y - q, z - r), direction, self.settings.distance_au)
+        if self.facets is not None:
+            mass = self._mass_port.Eval(context)[0] if self.mass is None else self.mass
+            force = self._on_facets(context)[0] / float(mass)
+            return tuple((force + tide).tolist())
         push = 0.0
         if not context.get_discrete_state_vector()[0]:
             mass = self._mass_port.Eval(context)[0] if self.mass is None else self.mass

@@ -36,6 +36,7 @@ from proxops import systems
 from proxops.cli.main import app, command, main
 from proxops.diagrams.flight import fly, make_transit_diagram, named_controller, surroundings
 from proxops.diagrams.scenario.scenario import load_scenario
+from proxops.systems.lidar import LidarGeometry
 from proxops.systems.rotation import SteadySpin
 from proxops.systems.vehicle import SunlightConfig
 
@@ -62,6 +63,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
         systems.ActualThrust(systems.ThrusterErrors(), 10.0),
         systems.BodyRotation(3e-4),
         systems.Moons([], 3e-4),
+        systems.LidarWithMoons(kleopatra().shape, [], 3e-4),
+        systems.MoonMask(LidarGeometry(), [], 3e-4, 1e5),
         systems.AttitudeError(believed_spin=0.0, true_spin=(0.0, 0.0, 0.0)),
         systems.CommandAxes(7.0),
         systems.BodyPose(MultibodyPlant(0.0).world_body()),

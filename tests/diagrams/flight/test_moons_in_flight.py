@@ -7,7 +7,8 @@ import pytest
 from short_flights import BRIEF, kleopatra, short_scenario, write_blob
 
 from proxops.diagrams.flight import fly
-from proxops.diagrams.scenario import World, load_body, load_scenario
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import World, load_body, load_scenario, scenario_remarks
 from proxops.diagrams.scenario.body import Body
 from proxops.systems import InputError
 from proxops.systems.gravity import MoonConfig, moon_position, tide_of
@@ -76,3 +77,27 @@ def test_moons_of_a_file(tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             load_body(write_blob(tmp_path, moons=wrong))
+
+
+def test_what_a_moon_meets_is_refused():
+    """A goal where the moon will be, and assurance whose ellipsoid does not hold its orbit."""
+    moon = MoonConfig(1e15, 5e3, 160e3, 1e5)
+    body = with_moons([moon])
+    place = moon_position(moon, 1e3, kleopatra().spin)
+    settings = {"transit.start_m": [0.0, 0.0, 160e3], "transit.goal_m": place.tolist()}
+    with pytest.raises(InputError, match=r"the goal is .* m from the centre of a moon"):
+        World.of(load_scenario(None, settings), body)
+    assert any("a moon of" in each for each in scenario_remarks(load_scenario(None), body))
+    with pytest.raises(InputError, match="not always inside the keep-out ellipsoid"):
+        _ = World.of(load_scenario(None, {"assurance": {}}), body).uncertainty_set
+
+
+def test_a_log_keeps_the_mesh_of_a_moon(tmp_path):
+    """And the lidar of the flight sees the moon."""
+    body = load_body("didymos")
+    limits = {"arrival.deadline_s": 30.0, "arrival.dwell_s": 10.0, "transit.seed": 100}
+    log = fly(load_scenario("didymos", limits), "zero", body=body)
+    log.to_netcdf(tmp_path / "flight.nc")
+    again = FlightLog.load(tmp_path / "flight.nc")
+    np.testing.assert_array_equal(again.body.moons[0].shape.vertices, body.moons[0].shape.vertices)
+    assert again.body.moons[0].shape.sha256 == body.moons[0].shape.sha256

@@ -19,7 +19,7 @@ CRAFT = {"bennu": "osiris_rex", "ryugu": "hayabusa2", "toutatis": "osiris_rex"}
 
 
 def test_scenarios_ship_under_the_names_of_their_bodies() -> None:
-    assert list(shipped_scenarios()) == ["bennu", "kleopatra", "ryugu", "toutatis"]
+    assert list(shipped_scenarios()) == ["bennu", "didymos", "kleopatra", "ryugu", "toutatis"]
     assert load_scenario("kleopatra") == load_scenario()
 
 
@@ -37,6 +37,19 @@ def test_shipped_scenario_fits_its_body(name: str) -> None:
     assert 3.0 < far.max() < 6.5
 
 
+def test_transits_at_didymos_are_outside_the_orbit_of_its_moon() -> None:
+    """The ends are far from the moon at any time, and from two to seven radii of 390 m away."""
+    scenario, body = load_scenario("didymos"), load_body("didymos")
+    assert scenario_remarks(scenario, body) == []
+    drawn = [draw_transit(100, index, scenario, body) for index in range(10)]
+    ends = np.array([end for transit in drawn for end in (transit.start, transit.goal)])
+    assert np.linalg.norm(ends, axis=1).min() / 390.0 > 2.0
+    assert np.linalg.norm(ends, axis=1).max() / 390.0 < 9.0
+    (moon,) = body.moons
+    ring, height = np.hypot(ends[:, 0], ends[:, 1]), ends[:, 2]
+    assert np.hypot(ring - 1146.0, height).min() > moon.config.radius_m + 0.03 * 1146.0
+
+
 @pytest.mark.parametrize("name", RADII)
 def test_spacecraft_is_as_its_model(name: str) -> None:
     craft, model = load_scenario(name).spacecraft, load_spacecraft(CRAFT[name])
@@ -46,5 +59,7 @@ def test_spacecraft_is_as_its_model(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["itokawa", "x" * 300])
 def test_a_scenario_that_does_not_ship(name: str) -> None:
-    with pytest.raises(InputError, match=r"does not ship .*\(bennu, kleopatra, ryugu, toutatis do"):
+    with pytest.raises(
+        InputError, match=r"does not ship .*\(bennu, didymos, kleopatra, ryugu, toutatis do"
+    ):
         load_scenario(name)

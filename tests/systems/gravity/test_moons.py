@@ -79,3 +79,17 @@ def test_the_bound_of_a_tide_holds():
     assert 0.5 * bound < worst < bound
     assert greatest_tide([ALEXHELIOS], 500e3) == np.inf
     assert greatest_tide([], 1e9) == 0.0
+
+
+def test_the_bound_of_a_tide_outside_an_ellipsoid_that_holds_the_orbit():
+    """At the places of the ellipsoid that are nearest to the moon, and others around them."""
+    moon = MoonConfig(2.7e9, 97.0, 1146.0, 4.1e4, 0.028)
+    axes, far = np.array([1360.0, 1360.0, 600.0]), 2720.0
+    bound, worst = greatest_tide([moon], far, [1360.0 - 1146.0 * 1.028]), 0.0
+    for angle in np.linspace(0.0, 2.0 * np.pi, 400):
+        for rise in np.linspace(-1.5, 1.5, 41):
+            way = [np.cos(rise) * np.cos(angle), np.cos(rise) * np.sin(angle), np.sin(rise)]
+            for time in (0.0, 2.05e4):
+                tide = tide_of(moon.mass_kg, moon_position(moon, time, STILL), axes * way)
+                worst = max(worst, float(np.linalg.norm(tide)))
+    assert 0.8 * bound < worst < bound
