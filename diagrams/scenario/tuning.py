@@ -82,7 +82,9 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
             setattr(errors, name, math.hypot(*found))
     # Most worlds have a smoother surface, but some one that is nearly as rough.
     errors.surface_rms_m *= _ROUGHER
-    boulders = BouldersConfig(**_drawn(dispersions, "truth.boulders", BouldersConfig()))
+    boulders = dc.replace(
+        BouldersConfig(), **_drawn(dispersions, "truth.boulders", BouldersConfig())
+    )
     errors.relief_rms_m, correlation = relief_of(boulders, body.shape)
     errors.relief_correlation_m = correlation or usual.relief_correlation_m
     # It is estimated in flight, so a generous value costs little.

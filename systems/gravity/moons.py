@@ -124,7 +124,9 @@ class Moon:
         length = float(np.linalg.norm(way))
         if length == 0.0:
             return False
-        return bool(ray_caster(self.shape).distances(ends[:1], way[None] / length)[0] <= length)
+        return bool(
+            ray_caster(self.shape).distances(np.array(ends[:1]), way[None] / length)[0] <= length
+        )
 
     def distance(
         self, start: Vector3, end: Vector3, times: tuple[float, float], spin: Spin

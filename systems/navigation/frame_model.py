@@ -95,20 +95,15 @@ class FrameModel:
         points = hits.distances[met, None] * rays.directions[met]
         return self._with_relief(compared, points, mean[rough:])
 
-    def _with_relief(self, compared: Comparison, points: np.ndarray, mean: np.ndarray):
+    def _with_relief(
+        self, compared: Comparison, points: np.ndarray, mean: np.ndarray
+    ) -> Comparison:
         """A `Comparison` of K rays that meet points (K, 3), with coefficients (10,) of relief."""
-        rows, error = compared.rows, self.map_error
-        usable = compared.variances < np.inf
-        found = np.zeros((len(rows), PATTERNS))
-        if usable.any():
-            found[usable], extra = relief_rows(
-                rows[usable, : MEASURED.size],
-                points[usable],
-                error.relief,
-                error.relief_correlation,
-            )
-        return compared._replace(
-            variances=compared.variances + extra,
-            rows=np.hstack([rows, found]),
-            residuals=compared.residuals - found @ mean,
-        )
+        rows, residuals, variances = compared.rows, compared.residuals, compared.variances
+        found, usable = np.zeros((len(rows), PATTERNS)), np.flatnonzero(variances < np.inf)
+        if usable.size:
+            std, correlation = self.map_error.relief, self.map_error.relief_correlation
+            measured = rows[usable, : MEASURED.size]
+            found[usable], anew = relief_rows(measured, points[usable], std, correlation)
+            residuals, variances = residuals - found @ mean, variances + anew
+        return Comparison(compared.rays, residuals, variances, np.hstack([rows, found]))

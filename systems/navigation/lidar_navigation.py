@@ -125,14 +125,10 @@ class LidarNavigation(LeafSystem):
         self.expected = expected or ExpectedErrors()
         check_limits(self.expected, "LidarNavigation: expected")
         self.period, self.frame_delay = period, int(frame_delay)
+        said = self.expected
         if map_error is None:
-            map_error = MapError(
-                shape,
-                self.expected.surface_rms_m,
-                self.expected.surface_correlation_m,
-                self.expected.relief_rms_m,
-                self.expected.relief_correlation_m,
-            )
+            map_error = MapError(shape, said.surface_rms_m, said.surface_correlation_m)
+        map_error = map_error.with_relief(said.relief_rms_m, said.relief_correlation_m)
         self.model = FrameModel(shape, geometry, noise_std, map_error, self.expected.beam_width_rad)
         low_orbit = math.sqrt(GRAVITATIONAL_CONSTANT * field.mass / shape.extents.max())
         self._navigator = Navigator(

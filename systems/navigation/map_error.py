@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 
@@ -38,33 +39,37 @@ class MapError:
         coefficients, which are independent, with variance 1.
       rest: m^2; the displacement beyond the M counts in each frame as noise of this variance.
       relief, relief_correlation: standard deviation and correlation length in m of what is too fine
-        for the modes, and adds to them.
+        to be estimated, such as boulders.
     """
 
-    def __init__(
-        self,
-        shape: Polyhedron,
-        std: float = 0.0,
-        correlation: float = 1.0,
-        relief: float = 0.0,
-        relief_correlation: float = 1.0,
-    ):
-        """Takes the map, and standard deviations and correlation lengths in m of its errors."""
-        self.std = math.hypot(std, relief)
-        self.relief, self.relief_correlation = relief, relief_correlation
+    relief, relief_correlation = 0.0, 1.0
+
+    def __init__(self, shape: Polyhedron, std: float = 0.0, correlation: float = 1.0):
+        """Takes the map, the standard deviation of its error in m, and correlation length in m."""
+        self.std = std
         self.table, self.rest = np.zeros((len(shape.vertices), 0)), 0.0
         if std > 0.0:
             table, share = _smooth_fields(shape, correlation)
             self.table, self.rest = std * table, _SEEN_AGAIN * std**2 * (1.0 - share)
-        if relief:  # What the modes leave out is relief too.
-            self.relief, self.rest = math.hypot(relief, math.sqrt(self.rest / _SEEN_AGAIN)), 0.0
         self.modes = self.table.shape[1]
+
+    def with_relief(self, std: float, correlation: float) -> MapError:
+        """This error and a relief of a standard deviation and a correlation length in m.
+
+        What the modes leave out counts as relief then. Without relief it is this error itself.
+        """
+        if std == 0.0:
+            return self
+        made = copy.copy(self)
+        made.std = math.hypot(self.std, std)
+        made.relief, made.relief_correlation = math.hypot(std, self._left_out), correlation
+        made.rest = 0.0
+        return made
 
     @classmethod
     def known(cls, table: np.ndarray, rest: float) -> MapError:
         """An error that is not alike everywhere, from its attributes `table` and `rest`."""
         made = cls.__new__(cls)
-        made.relief, made.relief_correlation = 0.0, 1.0
         made.table, made.rest, made.modes = np.ascontiguousarray(table), rest, table.shape[1]
         made.std = float(np.sqrt(np.mean(made.deviations**2)))
         return made
@@ -77,7 +82,12 @@ class MapError:
     @property
     def deviations(self) -> Values:
         """Standard deviation (V,) in m of each vertex along its normal."""
-        return np.sqrt(np.einsum("vm,vm->v", self.table, self.table) + self.rest / _SEEN_AGAIN)
+        return np.sqrt(np.einsum("vm,vm->v", self.table, self.table) + self._left_out**2)
+
+    @property
+    def _left_out(self) -> float:
+        """Standard deviation in m of the displacement beyond the modes."""
+        return math.sqrt(self.rest / _SEEN_AGAIN)
 
 
 @functools.lru_cache(maxsize=4)
