@@ -1,0 +1,108 @@
+"""The start of the batch estimator: one orbit, fitted to where the body's middle is seen."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+
+import numpy as np
+import scipy.linalg
+
+from proxops.systems.common import InputError, Values, Vector3, Vectors3, one_thread
+from proxops.systems.mapping.path import Path
+from proxops.systems.mapping.returns import Returns
+from proxops.systems.mapping.survey_fit import GRAVITY, Expected, Survey, add_motion
+
+# Returns that are farther from the densest place than this, over the longest semi-axis, are false.
+_REACH = 2.2
+# The least number of returns that show where the middle is.
+_FEWEST = 5
+# Behind the mean of a ball's returns lies its centre, by this share of the radius.
+_BEHIND = 2.0 / 3.0
+# Standard deviation of a middle, over the longest semi-axis.
+_SPREAD = 0.2
+_ITERATIONS = 6
+
+
+def of_body(returns: Returns, longest: float) -> np.ndarray:
+    """Which returns (K,), bool, are of the body, not false: those about the densest place.
+
+    Args:
+      returns: what was measured. longest: semi-axis of the body in m.
+    """
+    rays, kept = returns.rays, np.zeros(len(returns.frames), dtype=bool)
+    bounds = np.searchsorted(returns.frames, np.arange(len(returns.times) + 1))
+    for start, end in zip(bounds[:-1], bounds[1:], strict=True):
+        if end - start < _FEWEST:
+            continue
+        here = rays[start:end]
+        gaps = np.linalg.norm(here[:, None] - here[None], axis=2)
+        best = int((gaps < 0.5 * longest).sum(axis=1).argmax())
+        kept[start:end] = gaps[best] < _REACH * longest
+    return kept
+
+
+def middles(returns: Returns, semi_axes: Vector3, attitudes: np.ndarray) -> tuple[Values, Vectors3]:
+    """The frames (M,) that show the body, and the spacecraft's places (M, 3) in m from its middle.
+
+    Args:
+      returns: of the body. semi_axes: (3,) in m of the ellipsoid that is known.
+      attitudes: R_NB (F, 3, 3) as it is believed.
+    """
+    counts = np.bincount(returns.frames, minlength=len(returns.times))
+    sums = np.stack(
+        [np.bincount(returns.frames, column, len(counts)) for column in returns.rays.T], axis=1
+    )
+    seen = np.flatnonzero(counts >= _FEWEST)
+    means = sums[seen] / counts[seen, None]
+    ahead = means / np.linalg.norm(means, axis=1, keepdims=True)
+    inside = np.einsum("fji,fj->fi", attitudes[seen], ahead)
+    depths = _BEHIND * np.linalg.norm(inside * semi_axes, axis=1)
+    return seen, -(means + depths[:, None] * ahead)
+
+
+@one_thread()
+def with_first_orbit(
+    survey: Survey, returns: Returns, expected: Expected, semi_axes: Vector3
+) -> Survey:
+    """Gives the survey with a path and a GM that fit the middles of the frames.
+
+    Args:
+      survey: as believed; its path's coefficients may be any. returns: of the body.
+      expected: how wrong the belief may be. semi_axes: (3,) in m of the ellipsoid that is known.
+
+    Raises:
+      InputError: too few frames show the body.
+    """
+    seen, places = middles(returns, semi_axes, survey.body_attitudes(returns.times))
+    if len(seen) < 3 * survey.path.size // 2:
+        raise InputError(
+            f"the survey saw its body in {len(seen)} of {len(returns.times)} frames: the lidar "
+            "does not reach it, or looks elsewhere; check lidar.max_range_m and its field of view"
+        )
+    value = survey.path.matrix(returns.times[seen])
+    sigma, size = _SPREAD * float(np.max(semi_axes)), 3 * survey.path.size
+    smooth = np.diff(np.eye(survey.path.size), 3, axis=0)
+    start = np.linalg.solve(
+        value.T @ value + 100.0 * smooth.T @ smooth, value.T @ places
+    )
+    survey = dc.replace(survey, coefficients=start, tail=survey.tail.copy())
+    believed = survey.tail[GRAVITY][0]
+    count = size + survey.turns.size + len(survey.tail)
+    gm = count - len(survey.tail) + GRAVITY.start
+    chosen = np.r_[np.arange(size), gm]
+    for _ in range(_ITERATIONS):
+        matrix, right = np.zeros((count, count)), np.zeros(count)
+        add_motion(survey, returns, expected, matrix, right)
+        residuals = value @ survey.coefficients - places
+        weights = 1.0 / (sigma**2 + (residuals**2).sum(axis=1) / 4.0)
+        for i in range(3):
+            axis = np.arange(i, size, 3)
+            matrix[np.ix_(axis, axis)] += value.T @ (weights[:, None] * value)
+            right[axis] += value.T @ (weights * residuals[:, i])
+        deviation = expected.gravity * believed
+        matrix[gm, gm] += deviation**-2.0
+        right[gm] += (survey.tail[GRAVITY][0] - believed) / deviation**2
+        step = -scipy.linalg.solve(matrix[np.ix_(chosen, chosen)], right[chosen], assume_a="pos")
+        survey.coefficients = survey.coefficients + step[:-1].reshape(-1, 3)
+        survey.tail[GRAVITY] += step[-1]
+    return survey
