@@ -19,6 +19,7 @@ from proxops.diagrams.scenario.key_descriptions import (
     dotted,
 )
 from proxops.diagrams.scenario.keys import differing_values, dotted_leaves, given_keys
+from proxops.diagrams.scenario.plain_yaml import write_yaml
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
@@ -41,6 +42,8 @@ from proxops.diagrams.scenario.spacecraft_model import (
     load_spacecraft,
 )
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
+from proxops.diagrams.scenario.survey_errors import survey_errors
+from proxops.diagrams.scenario.tasks import SurveyConfig
 from proxops.diagrams.scenario.transits import (
     Transit,
     UnflyableWorldError,
@@ -58,7 +61,7 @@ from proxops.diagrams.scenario.true_body import (
     spin_axes,
     turns_the_axes,
 )
-from proxops.diagrams.scenario.tuning import filter_tuning
+from proxops.diagrams.scenario.tuning import expected_of, filter_tuning
 from proxops.diagrams.scenario.typed_yaml import (
     dump_typed,
     is_yaml_path,
@@ -101,6 +104,7 @@ __all__ = [
     "Scenario",
     "Solid",
     "SpacecraftModel",
+    "SurveyConfig",
     "Transit",
     "TransitConfig",
     "TrueBody",
@@ -127,6 +131,7 @@ __all__ = [
     "draw_world",
     "dump_scenario",
     "dump_typed",
+    "expected_of",
     "filter_tuning",
     "given_keys",
     "hover_force",
@@ -146,7 +151,9 @@ __all__ = [
     "shipped_scenarios",
     "solids_of",
     "spin_axes",
+    "survey_errors",
     "turns_the_axes",
     "uncertainty_set",
     "with_ends",
+    "write_yaml",
 ]

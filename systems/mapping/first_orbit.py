@@ -7,15 +7,14 @@ import dataclasses as dc
 import numpy as np
 import scipy.linalg
 
-from proxops.systems.common import InputError, Values, Vector3, Vectors3, one_thread
-from proxops.systems.mapping.path import Path
+from proxops.systems.common import InputError, Matrix3, Values, Vector3, Vectors3, one_thread
 from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.survey_fit import GRAVITY, Expected, Survey, add_motion
 
 # Returns that are farther from the densest place than this, over the longest semi-axis, are false.
 _REACH = 2.2
-# The least number of returns that show where the middle is.
-_FEWEST = 5
+FEWEST = 5
+"""The least number of returns that show where the middle is."""
 # Behind the mean of a ball's returns lies its centre, by this share of the radius.
 _BEHIND = 2.0 / 3.0
 # Standard deviation of a middle, over the longest semi-axis.
@@ -23,41 +22,50 @@ _SPREAD = 0.2
 _ITERATIONS = 6
 
 
-def of_body(returns: Returns, longest: float) -> np.ndarray:
-    """Which returns (K,), bool, are of the body, not false: those about the densest place.
+def densest(rays: Vectors3, longest: float) -> Values:
+    """Which places (K,), bool, are of one body: those about the one with the most neighbours.
 
     Args:
-      returns: what was measured. longest: semi-axis of the body in m.
+      rays: (K, 3) in m. longest: semi-axis of the body in m.
     """
+    gaps = np.linalg.norm(rays[:, None] - rays[None], axis=2)
+    best = int((gaps < 0.5 * longest).sum(axis=1).argmax())
+    return gaps[best] < _REACH * longest
+
+
+def of_body(returns: Returns, longest: float) -> Values:
+    """Which returns (K,), bool, are of the body, not false: see `densest`."""
     rays, kept = returns.rays, np.zeros(len(returns.frames), dtype=bool)
     bounds = np.searchsorted(returns.frames, np.arange(len(returns.times) + 1))
     for start, end in zip(bounds[:-1], bounds[1:], strict=True):
-        if end - start < _FEWEST:
-            continue
-        here = rays[start:end]
-        gaps = np.linalg.norm(here[:, None] - here[None], axis=2)
-        best = int((gaps < 0.5 * longest).sum(axis=1).argmax())
-        kept[start:end] = gaps[best] < _REACH * longest
+        if end - start >= FEWEST:
+            kept[start:end] = densest(rays[start:end], longest)
     return kept
+
+
+def middle_of(rays: Vectors3, semi_axes: Vector3, attitude: Matrix3) -> Vector3:
+    """The spacecraft's place (3,) in m from the middle of the body that a frame shows.
+
+    Args:
+      rays: (K, 3) in m in N, of the body. semi_axes: (3,) in m of the ellipsoid that is known.
+      attitude: R_NB (3, 3) as it is believed.
+    """
+    mean = rays.mean(axis=0)
+    ahead = mean / np.linalg.norm(mean)
+    return -(mean + _BEHIND * np.linalg.norm((attitude.T @ ahead) * semi_axes) * ahead)
 
 
 def middles(returns: Returns, semi_axes: Vector3, attitudes: np.ndarray) -> tuple[Values, Vectors3]:
     """The frames (M,) that show the body, and the spacecraft's places (M, 3) in m from its middle.
 
     Args:
-      returns: of the body. semi_axes: (3,) in m of the ellipsoid that is known.
-      attitudes: R_NB (F, 3, 3) as it is believed.
+      returns: of the body. semi_axes: see `middle_of`. attitudes: R_NB (F, 3, 3), as believed.
     """
-    counts = np.bincount(returns.frames, minlength=len(returns.times))
-    sums = np.stack(
-        [np.bincount(returns.frames, column, len(counts)) for column in returns.rays.T], axis=1
-    )
-    seen = np.flatnonzero(counts >= _FEWEST)
-    means = sums[seen] / counts[seen, None]
-    ahead = means / np.linalg.norm(means, axis=1, keepdims=True)
-    inside = np.einsum("fji,fj->fi", attitudes[seen], ahead)
-    depths = _BEHIND * np.linalg.norm(inside * semi_axes, axis=1)
-    return seen, -(means + depths[:, None] * ahead)
+    rays = returns.rays
+    bounds = np.searchsorted(returns.frames, np.arange(len(returns.times) + 1))
+    seen = np.flatnonzero(np.diff(bounds) >= FEWEST)
+    places = [middle_of(rays[bounds[k] : bounds[k + 1]], semi_axes, attitudes[k]) for k in seen]
+    return seen, np.reshape(places, (-1, 3))
 
 
 @one_thread()
@@ -82,9 +90,7 @@ def with_first_orbit(
     value = survey.path.matrix(returns.times[seen])
     sigma, size = _SPREAD * float(np.max(semi_axes)), 3 * survey.path.size
     smooth = np.diff(np.eye(survey.path.size), 3, axis=0)
-    start = np.linalg.solve(
-        value.T @ value + 100.0 * smooth.T @ smooth, value.T @ places
-    )
+    start = np.linalg.solve(value.T @ value + 100.0 * smooth.T @ smooth, value.T @ places)
     survey = dc.replace(survey, coefficients=start, tail=survey.tail.copy())
     believed = survey.tail[GRAVITY][0]
     count = size + survey.turns.size + len(survey.tail)

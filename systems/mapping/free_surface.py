@@ -81,9 +81,10 @@ def free_surface(surface: Oriented, area: float, facets: int) -> Mesh:
     smooth = _SMOOTH
     for _ in range(_TRIES):
         inside, origin, levels = _indicator(surface, cell, smooth)
-        mesh = _surface_net(inside, levels, origin, cell)
-        if _closed(mesh.facets):
-            return mesh
+        if not _reaches_edge(inside):
+            mesh = _surface_net(inside, levels, origin, cell)
+            if _closed(mesh.facets):
+                return mesh
         smooth *= _SMOOTHER
     raise InputError("the returns show no closed surface: see more of the body, from more sides")
 
@@ -131,11 +132,21 @@ def _one_piece(inside: np.ndarray) -> np.ndarray:
     return scipy.ndimage.binary_fill_holes(labels == largest)
 
 
+def _reaches_edge(inside: np.ndarray) -> bool:
+    """Whether the body sticks out of the grid."""
+    return any(np.take(inside, [0, -1], axis=axis).any() for axis in range(3))
+
+
 def _surface_net(inside: np.ndarray, levels: np.ndarray, origin: np.ndarray, cell: float) -> Mesh:
     """The boundary of what is inside: a vertex in each cell that it crosses."""
     # Where pieces were left out or voids filled, a level has the wrong sign.
-    levels = np.where((levels > 0.0) == inside, levels, np.where(inside, 1e-3, -1e-3) * np.ptp(levels))
-    sums, counts = np.zeros((*(np.array(inside.shape) - 1), 3)), np.zeros(np.array(inside.shape) - 1)
+    levels = np.where(
+        (levels > 0.0) == inside, levels, np.where(inside, 1e-3, -1e-3) * np.ptp(levels)
+    )
+    sums, counts = (
+        np.zeros((*(np.array(inside.shape) - 1), 3)),
+        np.zeros(np.array(inside.shape) - 1),
+    )
     quads = []
     for axis in range(3):
         ends = [slice(None)] * 3

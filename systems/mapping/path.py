@@ -57,7 +57,9 @@ class Path(NamedTuple):
     def basis(self, times: Values) -> Basis:
         """The B-splines that are not zero at times (T,) in s within the path."""
         matrix = BSpline.design_matrix(times, self.knots, DEGREE)
-        return Basis(matrix.indices[:: DEGREE + 1].astype(np.int64), matrix.data.reshape(-1, DEGREE + 1))
+        return Basis(
+            matrix.indices[:: DEGREE + 1].astype(np.int64), matrix.data.reshape(-1, DEGREE + 1)
+        )
 
     def matrix(self, times: Values, derivative: int = 0) -> np.ndarray:
         """The values (T, J) of all B-splines at times (T,) in s, or those of their derivatives."""

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from proxops.systems.common import Matrix3, Values, Vector3, Vectors3, one_thread
+from proxops.systems.common import Values, Vector3, Vectors3, one_thread
 from proxops.systems.mapping._nearest_kernel import nearest_of
 from proxops.systems.mapping._normal_kernel import LOCAL, add_returns
 from proxops.systems.mapping.mass_points import MassPoints
@@ -227,9 +227,7 @@ def improved(
     rows, incidences = _rows(survey, returns, placed, match)
     corners = survey.facets[match.facets]
     motions = -match.places * np.einsum("kci,ki->kc", outward[corners], match.normals)
-    residuals = match.heights - survey.tail[BEAM] * returns.ranges * np.sqrt(
-        1.0 - incidences**2
-    )
+    residuals = match.heights - survey.tail[BEAM] * returns.ranges * np.sqrt(1.0 - incidences**2)
     variances = weighting.surface**2 + (expected.noise * incidences) ** 2
     # Cauchy's weights: an outlier counts little.
     weights = 1.0 / (variances + residuals**2 / 4.0)
@@ -375,7 +373,9 @@ def _add_priors(
         hold * expected.rate * rate, expected.bias, expected.scale, expected.beam,
         np.full(12, weighting.slide), expected.gravity * gm, np.full(3, expected.acceleration),
     ]  # fmt: skip
-    sigma = np.maximum(sigma, 1e-12 * np.r_[np.ones(5), rate, 1e3, 1.0, 1.0, np.ones(12), gm, np.ones(3)])
+    sigma = np.maximum(
+        sigma, 1e-12 * np.r_[np.ones(5), rate, 1e3, 1.0, 1.0, np.ones(12), gm, np.ones(3)]
+    )
     tail = np.arange(count - TAIL, count)
     matrix[tail, tail] += sigma**-2.0
     right[tail] += (survey.tail - prior.tail) / sigma**2
