@@ -121,7 +121,7 @@ def expected_entries(
 
     deviation = float(np.sqrt(np.mean(uncertainty.deviations**2)))
     # The centre of mass is the origin of B, and the map's centre is where density is uniform.
-    trial = GravityField(body.shape, mass=1.0, contrast=0.1).centre_of_mass
+    trial = GravityField(body.shape, mass=body.config.mass_kg, contrast=0.1).centre_of_mass
     sigma = uncertainty.acceleration / float(survey.tail[5]) ** 2
     off = float(np.linalg.norm(made.centre[:2])) / 3.0
     contrast = 0.1 * float(np.hypot(off, sigma)) / max(float(np.linalg.norm(trial)), 1e-9)
@@ -157,7 +157,7 @@ def visit_scenario(
     pole = across * (np.degrees(np.arcsin(sine)) / sine if sine > 0.0 else 0.0)
     contrast = drawn.density_contrast
     if contrast != 0.0:
-        trial = GravityField(shape, mass=1.0, contrast=contrast).centre_of_mass
+        trial = GravityField(shape, mass=mass, contrast=contrast).centre_of_mass
         contrast *= float(np.sign((trial - shape.centre_of_mass) @ (centre - shape.centre_of_mass)))
     truth = dc.replace(
         drawn, gravity=float(true.gravity_field.mass) / mass, density_contrast=contrast,

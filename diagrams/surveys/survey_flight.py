@@ -33,8 +33,6 @@ _ELLIPSOID = 0.1 / 3.0
 _FROM, _PASSES = (4.0, 6.0), (0.5, 2.0)
 # How far the lidar reaches in a survey, over the longest semi-axis.
 _REACH = 16.0
-# Frames from beyond so many radii of the orbit are left out.
-_FAR = 1.6
 
 
 class SurveyFlight(NamedTuple):
@@ -175,7 +173,6 @@ class _Kept:
         self._times: list[float] = []
         self._frames: list[tuple[np.ndarray, np.ndarray]] = []
         self._forces: list[np.ndarray] = []
-        self._distances: list[float] = []
         self._places: list[np.ndarray] = []
         self._orbit: float | None = None
 
@@ -193,8 +190,6 @@ class _Kept:
         self._times.append(now)
         self._frames.append((seen, ranges[seen]))
         self._forces.append(self._controller.GetOutputPort("force").Eval(own).copy())
-        state = own.get_discrete_state(0).value()
-        self._distances.append(float(np.linalg.norm(state[:3])))
         if self._orbit is None and self._controller.kept_for(own) > 0.0:
             self._orbit = now
 
@@ -210,8 +205,8 @@ class _Kept:
                 "task.approach_hours is too short"
             )
         scenario, body = self._world.scenario, self._world.body
-        times, distances = np.array(self._times), np.array(self._distances)
-        chosen = np.flatnonzero((times >= self._orbit) & (distances < _FAR * around.radius))
+        times = np.array(self._times)
+        chosen = np.flatnonzero(times >= self._orbit)
         turns = around.rate * times[chosen]
         attitudes = np.zeros((len(chosen), 3, 3))
         attitudes[:, 0, 0] = attitudes[:, 1, 1] = np.cos(turns)

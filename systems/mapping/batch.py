@@ -116,7 +116,7 @@ def _believed(
     tail[RATE], tail[GRAVITY] = rate, gm
     epoch, ball = 0.5 * (start + end), sphere(3)
     return Survey(
-        path, np.zeros((path.size, 3)), np.zeros((nodes, 3)), np.linspace(start, end, nodes), tail,
+        path, np.zeros((path.size, 3)), (returns.times, returns.driven), np.zeros((nodes, 3)), np.linspace(start, end, nodes), tail,
         epoch, rate * epoch, ball.vertices * semi_axes, ball.facets,
     )  # fmt: skip
 

@@ -88,6 +88,7 @@ def with_first_orbit(
             "does not reach it, or looks elsewhere; check lidar.max_range_m and its field of view"
         )
     value = survey.path.matrix(returns.times[seen])
+    places = places - survey.moved(returns.times[seen])
     sigma, size = _SPREAD * float(np.max(semi_axes)), 3 * survey.path.size
     smooth = np.diff(np.eye(survey.path.size), 3, axis=0)
     start = np.linalg.solve(value.T @ value + 100.0 * smooth.T @ smooth, value.T @ places)

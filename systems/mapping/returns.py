@@ -42,3 +42,12 @@ class Returns(NamedTuple):
         """(K, 3): the measured ranges as vectors from the spacecraft, in N."""
         along = np.einsum("kij,kj->ki", self.attitudes[self.frames], self.directions)
         return self.ranges[:, None] * along
+
+    @property
+    def driven(self) -> Vectors3:
+        """(F, 3) in m in N: how far the commanded thrust alone has moved the spacecraft."""
+        steps = np.diff(self.times, append=self.times[-1])[:, None]
+        gained = np.cumsum(self.thrusts * steps, axis=0)
+        before = np.vstack([np.zeros(3), gained[:-1]])
+        moved = np.cumsum((before + 0.5 * self.thrusts * steps) * steps, axis=0)
+        return np.vstack([np.zeros(3), moved[:-1]])

@@ -76,7 +76,9 @@ class Survey:
 
     path: Path
     coefficients: np.ndarray
-    """(J, 3) in m: of the path in N."""
+    """(J, 3) in m: of the path in N, less what thrust has moved."""
+    driven: tuple[Values, Vectors3]
+    """Times (F,) in s, and how far thrust has moved the spacecraft (F, 3) in m in N: known."""
     turns: np.ndarray
     """(A, 3) in rad: rotation vectors in S, of the attitude's error at `turn_times`."""
     turn_times: Values
@@ -110,7 +112,12 @@ class Survey:
 
     def positions(self, times: Values) -> Vectors3:
         """Of the spacecraft (T, 3) in m in N at times (T,) in s."""
-        return self.path.matrix(times) @ self.coefficients
+        return self.path.matrix(times) @ self.coefficients + self.moved(times)
+
+    def moved(self, times: Values) -> Vectors3:
+        """How far thrust has moved the spacecraft (T, 3) in m in N at times (T,) in s."""
+        known, driven = self.driven
+        return np.stack([np.interp(times, known, column) for column in driven.T], axis=1)
 
     def placed(self, returns: Returns) -> Placed:
         """The returns as this places them."""
@@ -319,19 +326,22 @@ def _rows(
 def add_motion(
     survey: Survey, returns: Returns, expected: Expected, matrix: np.ndarray, right: np.ndarray
 ) -> None:
-    """Adds the equation of motion at the path's places: p'' = gravity + thrust + constant."""
+    """Adds the equation of motion at the path's places: p'' = gravity + constant.
+
+    What the commanded thrust does is in `Survey.moved`; it may be wrong by a share.
+    """
     path, times = survey.path, survey.path.places
     bodies = survey.body_attitudes(times)
-    positions = path.matrix(times) @ survey.coefficients
+    positions = survey.positions(times)
     inside = np.einsum("tji,tj->ti", bodies, positions)
     pull, gradient = MassPoints.of(survey.vertices, survey.facets).pull(inside)
     gm = survey.tail[GRAVITY][0]
     pull = np.einsum("tij,tj->ti", bodies, pull)
     gradient = gm * np.einsum("tij,tjk,tlk->til", bodies, gradient, bodies)
-    thrust, spread = _thrust(survey, returns)
+    spread = _thrust(survey, returns)
     constant = np.einsum("tij,j->ti", bodies, survey.tail[ACCELERATION])
     second = path.matrix(times, 2)
-    residuals = second @ survey.coefficients - gm * pull - thrust - constant
+    residuals = second @ survey.coefficients - gm * pull - constant
     white = expected.varying * np.sqrt(2.0 * expected.varying_time / path.step)
     sigma = np.sqrt(white**2 + (expected.thrust * spread) ** 2)
     size, count = 3 * path.size, len(right)
@@ -349,15 +359,13 @@ def add_motion(
     right += rows.T @ (residuals / sigma[:, None]).ravel()
 
 
-def _thrust(survey: Survey, returns: Returns) -> tuple[Vectors3, Values]:
-    """The commanded acceleration (T, 3) about each of the path's places, and the most of it."""
+def _thrust(survey: Survey, returns: Returns) -> Values:
+    """The commanded acceleration (T,) in m/s^2 about each of the path's places, in the mean."""
     step, places = survey.path.step, survey.path.places
     cell = np.round((returns.times - places[0]) / step).astype(np.int64).clip(0, len(places) - 1)
     period = float(np.median(np.diff(returns.times)))
-    total, spread = np.zeros((len(places), 3)), np.zeros(len(places))
-    np.add.at(total, cell, returns.thrusts * (period / step))
-    np.add.at(spread, cell, np.linalg.norm(returns.thrusts, axis=1) * (period / step))
-    return total, spread
+    sizes = np.linalg.norm(returns.thrusts, axis=1) * (period / step)
+    return np.bincount(cell, sizes, len(places))
 
 
 def _add_priors(
