@@ -25,7 +25,7 @@ from proxops.systems.assurance import AssuranceConfig
 from proxops.systems.common import InputError, make_folder, write_json, write_whole
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
 from proxops.systems.mapping import Estimated, MapUncertainty, Survey, matched
-from proxops.systems.navigation import LidarNavigationConfig, MapError, MendedMap, save_mended_map
+from proxops.systems.navigation import SEEN_AGAIN, LidarNavigationConfig, MapError, MendedMap, save_mended_map
 from proxops.systems.shapes import MeshFile, Polyhedron, mesh_bytes, registered
 
 # What an expected error is at least, over the size or its value: a survey is sure of more than it
@@ -189,7 +189,7 @@ def write_survey(
     body = report.body
     assert body is not None
     make_folder(folder)
-    error = MapError.known(made.table, uncertainty.rest)
+    error = MapError.known(made.table, SEEN_AGAIN * uncertainty.rest)
     save_mended_map(MendedMap(made.shape, error), folder / "map.obj")
     text = body_yaml(body.config, f"Surveyed by proxops: {len(found.returns.ranges)} returns")
     _write(folder / "body.yaml", text)
