@@ -1,4 +1,4 @@
-"""`proxops survey`: makes a map of a body of which an ellipsoid is known, and a scenario with it."""
+"""`proxops survey`: makes a map of a body of which an ellipsoid is known, and its scenario."""
 
 from __future__ import annotations
 

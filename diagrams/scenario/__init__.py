@@ -42,7 +42,7 @@ from proxops.diagrams.scenario.spacecraft_model import (
     load_spacecraft,
 )
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
-from proxops.diagrams.scenario.survey_errors import survey_errors
+from proxops.diagrams.scenario.survey_expectations import survey_errors
 from proxops.diagrams.scenario.tasks import SurveyConfig
 from proxops.diagrams.scenario.transits import (
     Transit,

@@ -25,7 +25,13 @@ from proxops.systems.assurance import AssuranceConfig
 from proxops.systems.common import InputError, make_folder, write_json, write_whole
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
 from proxops.systems.mapping import Estimated, MapUncertainty, Survey, matched
-from proxops.systems.navigation import SEEN_AGAIN, LidarNavigationConfig, MapError, MendedMap, save_mended_map
+from proxops.systems.navigation import (
+    SEEN_AGAIN,
+    LidarNavigationConfig,
+    MapError,
+    MendedMap,
+    save_mended_map,
+)
 from proxops.systems.shapes import MeshFile, Polyhedron, mesh_bytes, registered
 
 # What an expected error is at least, over the size or its value: a survey is sure of more than it
@@ -35,7 +41,7 @@ _KM = 1e3
 
 
 class NewMap(NamedTuple):
-    """A survey's map in a frame of its own, K: its origin is the centre of mass, z the spin axis."""
+    """A survey's map in a frame K of its own, about its centre of mass, with z the spin axis."""
 
     shape: Polyhedron
     rotation: np.ndarray
@@ -120,6 +126,7 @@ def expected_entries(
         return {"normal": mean, "three_sigma": float(3.0 * sigma), "source": source}
 
     deviation = float(np.sqrt(np.mean(uncertainty.deviations**2)))
+    rough = float(max(1.5 * deviation, _LEAST["surface"] * size))
     # The centre of mass is the origin of B, and the map's centre is where density is uniform.
     trial = GravityField(body.shape, mass=body.config.mass_kg, contrast=0.1).centre_of_mass
     sigma = uncertainty.acceleration / float(survey.tail[5]) ** 2
@@ -132,7 +139,7 @@ def expected_entries(
         "truth.phase_deg": normal(0.0, 0.02),
         "truth.density_contrast": normal(0.0, min(max(contrast, _LEAST["contrast"]), 0.3)),
         "truth.surface_rms_m": {
-            "half_normal": 0.0, "three_sigma": float(max(1.5 * deviation, _LEAST["surface"] * size)),
+            "half_normal": 0.0, "three_sigma": rough,
             "source": source,
         },
         "truth.surface_correlation_m": {"fixed": float(2.0 * uncertainty.correlation)},

@@ -3,12 +3,12 @@
 Start with `estimated`, the batch estimator: it takes `Returns` and gives a `Survey`, which holds
 the path, the rotation, gravity and the surface. `survey_fit` has one step of its least squares,
 `first_orbit` its start, `free_surface` makes a mesh of any form from placed returns, and
-`map_uncertainty` says what is uncertain where. `SurveyController` is what flies the survey, without
+`uncertainty` says what is uncertain where. `SurveyController` is what flies the survey, without
 a map. Numerics are functions on arrays; `Expected` has all that is uncertain before.
 """
 
 from proxops.systems.mapping.batch import Estimated, estimated
-from proxops.systems.mapping.map_uncertainty import MapUncertainty, map_uncertainty
+from proxops.systems.mapping.uncertainty import MapUncertainty, map_uncertainty
 from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.survey_controller import Around, SurveyController
 from proxops.systems.mapping.survey_fit import Expected, Survey, matched

@@ -1,4 +1,4 @@
-"""`estimated`: the map, the path and the rotation, from returns and an ellipsoid, coarse to fine."""
+"""`estimated`: map, path and rotation, from returns and an ellipsoid, coarse to fine."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from proxops.systems.common import Progress, Vector3, silent
 from proxops.systems.mapping.first_orbit import of_body, with_first_orbit
-from proxops.systems.mapping.free_surface import free_surface, oriented
+from proxops.systems.mapping.free_surface import Mesh, free_surface, oriented, untangled
 from proxops.systems.mapping.path import Path
 from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.spheres import sphere
@@ -29,6 +29,8 @@ from proxops.systems.mapping.survey_fit import (
 _KNOTS, _TURNS = 1.0, 0.67
 # The mesh has about this many facets at the end.
 FACETS = 8000
+# Returns beyond so many are left out evenly: the map's facets say what is left.
+_MOST = 300_000
 # Points from which a free surface is begun.
 _POINTS = 120_000
 
@@ -86,6 +88,7 @@ def estimated(
     """
     longest = float(np.max(semi_axes))
     returns = returns.chosen(np.flatnonzero(of_body(returns, longest)))
+    returns = returns.chosen(np.arange(0, len(returns.frames), 1 + len(returns.frames) // _MOST))
     believed = _believed(returns, semi_axes, gm, rate, expected)
     survey = with_first_orbit(believed, returns, expected, semi_axes)
     size, done, solution = 2.0 * longest, 0.0, None
@@ -102,6 +105,8 @@ def estimated(
             survey, solution = improved(survey, some, believed, expected, weighting)
             done += 1.0 / stage.stride
     assert solution is not None
+    mesh = untangled(Mesh(survey.vertices, survey.facets))
+    survey = dc.replace(survey, vertices=mesh.vertices)
     return Estimated(survey, solution, returns)
 
 
@@ -116,7 +121,8 @@ def _believed(
     tail[RATE], tail[GRAVITY] = rate, gm
     epoch, ball = 0.5 * (start + end), sphere(3)
     return Survey(
-        path, np.zeros((path.size, 3)), (returns.times, returns.driven), np.zeros((nodes, 3)), np.linspace(start, end, nodes), tail,
+        path, np.zeros((path.size, 3)), (returns.times, returns.driven),
+        np.zeros((nodes, 3)), np.linspace(start, end, nodes), tail,
         epoch, rate * epoch, ball.vertices * semi_axes, ball.facets,
     )  # fmt: skip
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import itertools
 
 import numpy as np
 import scipy.linalg
@@ -37,7 +38,7 @@ def of_body(returns: Returns, longest: float) -> Values:
     """Which returns (K,), bool, are of the body, not false: see `densest`."""
     rays, kept = returns.rays, np.zeros(len(returns.frames), dtype=bool)
     bounds = np.searchsorted(returns.frames, np.arange(len(returns.times) + 1))
-    for start, end in zip(bounds[:-1], bounds[1:], strict=True):
+    for start, end in itertools.pairwise(bounds):
         if end - start >= FEWEST:
             kept[start:end] = densest(rays[start:end], longest)
     return kept

@@ -9,6 +9,7 @@ import scipy.ndimage
 from scipy.spatial import KDTree
 
 from proxops.systems.common import InputError, Values, Vectors3, one_thread
+from proxops.systems.shapes import self_intersections
 
 # Returns that show a place's normal.
 _NEIGHBOURS = 14
@@ -20,6 +21,8 @@ _ROOM = 0.3
 _FINER = 2
 # Of the smoothing of the grid, in its cells, and by how much it grows if the surface is not sound.
 _SMOOTH, _SMOOTHER, _TRIES = 1.2, 1.3, 6
+# How often facets that cut each other are drawn apart.
+_TURNS = 40
 # Facets of a surface net, over its area in squared cells.
 _FACETS = 3.0
 
@@ -190,3 +193,25 @@ def _closed(facets: np.ndarray) -> bool:
     keys = directed[:, 0] * (facets.max() + 1) + directed[:, 1]
     back = directed[:, 1] * (facets.max() + 1) + directed[:, 0]
     return len(np.unique(keys)) == len(keys) and bool(np.isin(back, keys).all())
+
+
+@one_thread()
+def untangled(mesh: Mesh) -> Mesh:
+    """The mesh with the vertices of facets that cut each other drawn towards their neighbours.
+
+    Raises:
+      InputError: they still do after many turns.
+    """
+    vertices, facets = mesh.vertices.copy(), mesh.facets
+    first, second = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
+    counts = np.bincount(first, minlength=len(vertices))[:, None]
+    for _ in range(_TURNS):
+        pairs = self_intersections(vertices, facets)
+        if len(pairs) == 0:
+            return Mesh(vertices, facets)
+        sums = np.stack(
+            [np.bincount(first, column, len(vertices)) for column in vertices[second].T], axis=1
+        )
+        moved = np.unique(facets[pairs.ravel()])
+        vertices[moved] = 0.5 * (vertices + sums / counts)[moved]
+    raise InputError("the map cuts itself: survey the body for longer, from more sides")

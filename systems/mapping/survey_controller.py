@@ -55,9 +55,9 @@ class SurveyController(LeafSystem):
     ```
 
     A Kalman filter in N knows position, velocity and GM by where the frames show the body's middle.
-    Far away the controller aims at the orbit's radius, in a plane that is steep to the equator; near
-    it, at the speed of a round orbit. It thrusts only if that is off by more than a band: a free
-    orbit costs nothing. Attitude is as believed: S turns with the body's believed rotation.
+    Far away the controller aims at the orbit's radius, in a plane that is steep to the equator;
+    near it, at the speed of a round orbit. It thrusts only if that is off by more than a band: a
+    free orbit costs nothing. Attitude is as believed: S turns with the body's believed rotation.
     """
 
     def __init__(
@@ -153,7 +153,10 @@ class SurveyController(LeafSystem):
         noise = alike * (_SPREAD * longest) ** 2
         gain = np.linalg.solve(covariance[:3, :3] + noise * np.eye(3), covariance[:3]).T
         values[:_STATES] += gain @ off
-        covariance -= gain @ covariance[:3]
+        # Joseph's form: rounding must not make a variance negative.
+        left = np.eye(_STATES)
+        left[:, :3] -= gain
+        covariance[:] = left @ covariance @ left.T + noise * gain @ gain.T
         least = 0.3 * self.around.gm
         values[6] = max(values[6], least)
 

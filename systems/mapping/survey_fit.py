@@ -314,8 +314,8 @@ def _rows(
     tail[:, BIAS] = -slant[:, None]
     tail[:, SCALE] = -(slant * returns.ranges)[:, None]
     incidences = np.minimum(np.abs(slant), 1.0)
-    # The map as a whole may move and stretch, by vectors that are linear in the place. Heights along
-    # the normals of a coarse mesh can't, but for a part.
+    # The map as a whole may move and stretch, by vectors that are linear in the place. Heights
+    # along the normals of a coarse mesh can't do that, but for a part.
     size = np.ptp(survey.vertices, axis=0).max()
     places = np.concatenate([np.ones((len(rows), 1)), placed.points / size], axis=1)
     tail[:, AFFINE] = -(places[:, :, None] * match.normals[:, None]).reshape(-1, 12)

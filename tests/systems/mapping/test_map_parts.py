@@ -90,7 +90,8 @@ def test_what_thrust_moves() -> None:
     times = np.arange(0.0, 100.0, 10.0)
     thrusts = np.zeros((10, 3))
     thrusts[2, 0] = 0.5  # m/s^2 from 20 to 30 s.
-    returns = Returns(times, np.tile(np.eye(3), (10, 1, 1)), thrusts, *[np.zeros(0)] * 3)  # type: ignore
+    no = np.zeros(0)
+    returns = Returns(times, np.tile(np.eye(3), (10, 1, 1)), thrusts, no, thrusts[:0], no)
     wanted = np.where(times <= 20.0, 0.0, 25.0 + 5.0 * (times - 30.0))
     np.testing.assert_allclose(returns.driven[:, 0], wanted)
 

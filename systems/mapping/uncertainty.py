@@ -59,8 +59,8 @@ def map_uncertainty(
 ) -> MapUncertainty:
     """Says what is uncertain of a map, by the covariance of the last step and its residuals.
 
-    A map may be moved and turned as a whole: that is no error. What its facets are too coarse for is
-    the root mean square of the residuals beyond the range noise.
+    A map may be moved and turned as a whole: that is no error. What its facets are too coarse for
+    is the root mean square of the residuals beyond the range noise.
     """
     vertices, facets = survey.vertices, survey.facets
     own = np.empty(len(vertices))
