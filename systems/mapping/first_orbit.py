@@ -26,9 +26,17 @@ _ITERATIONS = 6
 def densest(rays: Vectors3, longest: float) -> Values:
     """Which places (K,), bool, are of one body: those about the one with the most neighbours.
 
+    A survey is never nearer to the surface than the longest semi-axis: what seems so is false.
+
     Args:
-      rays: (K, 3) in m. longest: semi-axis of the body in m.
+      rays: (K, 3) in m from the spacecraft. longest: semi-axis of the body in m.
     """
+    near = np.linalg.norm(rays, axis=1) < longest
+    if near.any():
+        kept = np.zeros(len(rays), dtype=bool)
+        if not near.all():
+            kept[~near] = densest(rays[~near], longest)
+        return kept
     gaps = np.linalg.norm(rays[:, None] - rays[None], axis=2)
     best = int((gaps < 0.5 * longest).sum(axis=1).argmax())
     return gaps[best] < _REACH * longest

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from proxops.systems.common import Values, Vector3, Vectors3
-from proxops.systems.mapping.first_orbit import FEWEST, densest, middle_of
+from proxops.systems.mapping.first_orbit import densest, middle_of
 
 # Inclination of the orbit, as the cosine: nearly over the poles.
 _COSINE = math.cos(math.radians(75.0))
@@ -22,6 +22,9 @@ _BAND, _SURE = 0.04, 2.0
 # Of a middle, over the longest semi-axis; its errors are alike over this share of a turn. And the
 # most that one may be off.
 _SPREAD, _ALIKE, _GATE = 0.15, 0.2, 3.0
+# Returns of a frame that show where the body is. What a middle far off adds to the deviation of the
+# position, over the longest semi-axis.
+_FEWEST, _DOUBT = 8, 0.5
 # Position, velocity and GM (7), their covariance (49), whether the body was seen, and how long the
 # orbit is kept.
 _STATES = 7
@@ -133,11 +136,11 @@ class SurveyController(LeafSystem):
     def _middle(self, turn: np.ndarray, ranges: Values) -> Vector3 | None:
         """Where the spacecraft is from the body's middle (3,) in N, if the frame shows it."""
         seen = np.flatnonzero(np.isfinite(ranges))
-        if len(seen) < FEWEST:
+        if len(seen) < _FEWEST:
             return None
         rays = (self._directions[seen] * ranges[seen, None]) @ turn.T
         rays = rays[densest(rays, float(self.around.semi_axes.max()))]
-        return None if len(rays) < FEWEST else middle_of(rays, self.around.semi_axes, turn)
+        return None if len(rays) < _FEWEST else middle_of(rays, self.around.semi_axes, turn)
 
     def _correct(self, values: Values, measured: Vector3 | None) -> None:
         """Takes a middle into account."""
@@ -148,6 +151,8 @@ class SurveyController(LeafSystem):
         off = measured - values[:3]
         sigma = _GATE * math.sqrt(np.trace(covariance[:3, :3]) + longest**2)
         if np.linalg.norm(off) > sigma:
+            # Either this is false, or what is believed: then the next ones are taken.
+            covariance[:3, :3] += np.eye(3) * (_DOUBT * longest) ** 2
             return
         alike = max(1.0, _ALIKE * 2.0 * math.pi / abs(self.around.rate) / self._period)
         noise = alike * (_SPREAD * longest) ** 2
