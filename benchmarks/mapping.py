@@ -28,6 +28,7 @@ COLUMNS = {
     "pole_error_deg": "pole (deg)",
     "rate_error": "rate",
     "delta_v_m_s": "delta-v (m/s)",
+    "orbit_delta_v_m_s": "in orbit (m/s)",
     "flight_s": "flight (s)",
     "estimation_s": "estimation (s)",
 }

@@ -243,9 +243,14 @@ def survey_figures(
         "frames": len(found.returns.times),
         "orbit_time_h": flight.orbit_time / 3600.0,
         "delta_v_m_s": flight.delta_v,
+        "orbit_delta_v_m_s": float(np.abs(flight.returns.thrusts).sum() * _period(flight)),
         "least_clearance_m": flight.clearance,
         "collided": flight.collided,
     }
+
+
+def _period(flight: SurveyFlight) -> float:
+    return float(np.median(np.diff(flight.returns.times)))
 
 
 def _edges(shape: Polyhedron) -> tuple[np.ndarray, np.ndarray]:

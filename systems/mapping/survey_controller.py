@@ -17,6 +17,8 @@ _COSINE = math.cos(math.radians(75.0))
 _NEAR = 1.25
 # It falls at least at this share of the speed of a round orbit.
 _FALLING = 0.2
+# Of a free orbit that is left alone, over the radius.
+_LOWEST, _HIGHEST = 0.88, 1.2
 # It corrects what is more than this share of the speed of its orbit off, and this many deviations.
 _BAND, _SURE = 0.04, 2.0
 # Of a middle, over the longest semi-axis; its errors are alike over this share of a turn. And the
@@ -106,7 +108,7 @@ class SurveyController(LeafSystem):
         off = wanted - values[3:6]
         circular = math.sqrt(values[6] / self.around.radius)
         unsure = _SURE * math.sqrt(np.trace(covariance[3:6, 3:6]))
-        if np.linalg.norm(off) < _BAND * circular + unsure:
+        if unsure > circular / _SURE or np.linalg.norm(off) < _BAND * circular + unsure:
             return np.zeros(3)
         force = self._turn(time).T @ (off * self._mass / self._period)
         return force / max(1.0, float(np.abs(force).max()) / self._thrust)
@@ -212,9 +214,22 @@ def wanted_velocity(state: Values, radius: float) -> Vector3:
         energy = radial**2 + 2.0 * gm * (1.0 / radius - 1.0 / distance)
         across = math.sqrt(energy / ((distance / radius) ** 2 - 1.0))
         return radial * up + across * along
+    if _is_round(place, velocity, gm, radius):
+        return velocity
     circular = math.sqrt(gm / distance)
     rise = (radius - distance) * math.sqrt(gm / radius**3)
     return circular * along + float(np.clip(rise, -0.2 * circular, 0.2 * circular)) * up
+
+
+def _is_round(place: Vector3, velocity: Vector3, gm: float, radius: float) -> bool:
+    """Whether a free orbit stays between the least and the greatest distance."""
+    energy = 0.5 * velocity @ velocity - gm / np.linalg.norm(place)
+    if energy >= 0.0:
+        return False
+    momentum = np.cross(place, velocity)
+    shape = math.sqrt(max(0.0, 1.0 + 2.0 * energy * float(momentum @ momentum) / gm**2))
+    low, high = (-0.5 * gm / energy * (1.0 + sign * shape) for sign in (-1.0, 1.0))
+    return low > _LOWEST * radius and high < _HIGHEST * radius
 
 
 def orbit_normal(up: Vector3, momentum: Vector3) -> Vector3:

@@ -128,9 +128,12 @@ def test_far_away_it_aims_at_the_lowest_point() -> None:
 
 def test_near_it_flies_round() -> None:
     place = np.array([2.0, 0.0, 0.0])
-    wanted = wanted_velocity(np.r_[place, 0.0, 0.1, 0.7, 1.0], 2.0)
+    wanted = wanted_velocity(np.r_[place, 0.0, 0.1, 0.5, 1.0], 2.0)
     assert wanted @ place == pytest.approx(0.0)
     assert np.linalg.norm(wanted) == pytest.approx(np.sqrt(0.5))
+    # One that is nearly round already costs nothing.
+    nearly = np.r_[place, 0.01, 0.1, 0.69, 1.0]
+    assert (wanted_velocity(nearly, 2.0) == nearly[3:6]).all()
 
 
 def test_the_orbit_is_steep() -> None:
