@@ -25,6 +25,7 @@ COMMANDS = {
     "replay": "Make the replay page of a flight log, and files for other tools.",
     "scenario": "Print the default scenario as YAML, with what each value means, its unit and its "
     "limits.",
+    "survey": "Survey a body that is known as an ellipsoid; write its map, body file and scenario.",
     "shape": "Examine a mesh, mend it, and set up its body for flights.",
     "train": "Train a policy to predict the MPC's force.",
     "train-lidar": "Train two networks that predict lidar frames, ours and the paper's; compare "

@@ -19,6 +19,7 @@ from proxops.diagrams.scenario.key_descriptions import (
     dotted,
 )
 from proxops.diagrams.scenario.keys import differing_values, dotted_leaves, given_keys
+from proxops.diagrams.scenario.plain_yaml import write_yaml
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
@@ -42,6 +43,8 @@ from proxops.diagrams.scenario.spacecraft_model import (
 )
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
 from proxops.diagrams.scenario.sunlit import facets_of
+from proxops.diagrams.scenario.survey_expectations import survey_errors
+from proxops.diagrams.scenario.tasks import SurveyConfig
 from proxops.diagrams.scenario.transits import (
     Transit,
     UnflyableWorldError,
@@ -59,7 +62,7 @@ from proxops.diagrams.scenario.true_body import (
     spin_axes,
     turns_the_axes,
 )
-from proxops.diagrams.scenario.tuning import filter_tuning
+from proxops.diagrams.scenario.tuning import expected_of, filter_tuning
 from proxops.diagrams.scenario.typed_yaml import (
     dump_typed,
     is_yaml_path,
@@ -102,6 +105,7 @@ __all__ = [
     "Scenario",
     "Solid",
     "SpacecraftModel",
+    "SurveyConfig",
     "Transit",
     "TransitConfig",
     "TrueBody",
@@ -129,6 +133,7 @@ __all__ = [
     "dump_scenario",
     "dump_typed",
     "facets_of",
+    "expected_of",
     "filter_tuning",
     "given_keys",
     "hover_force",
@@ -148,7 +153,9 @@ __all__ = [
     "shipped_scenarios",
     "solids_of",
     "spin_axes",
+    "survey_errors",
     "turns_the_axes",
     "uncertainty_set",
     "with_ends",
+    "write_yaml",
 ]

@@ -93,7 +93,10 @@ def _lines(keys: Sequence[DescribedKey], indent: str) -> Iterator[str]:
         lines = textwrap.wrap(key.meaning, _WIDTH - len(indent), break_on_hyphens=False)
         yield from (f"{indent}# {line}" for line in lines)
         note = ", ".join(filter(None, (key.unit, key.limits)))
-        yield f"{indent}{key.name}: {key.default}".rstrip() + (f"  # {note}" if note else "")
+        bare = f"!{next(iter(key.sections), '')}" == key.default
+        empty = " {}" if bare and not next(iter(key.sections.values())) else ""
+        value = f"{indent}{key.name}: {key.default}{empty}".rstrip()
+        yield value + (f"  # {note}" if note else "")
         for tag, inner in key.sections.items():
             if key.default in ("", f"!{tag}"):
                 yield from _lines(inner, f"{indent}  ")

@@ -64,6 +64,11 @@ def filter_tuning(scenario: Scenario, body: Body) -> ExpectedErrors:
     return dc.replace(given, centre_of_mass_m=math.hypot(given.centre_of_mass_m, shift))
 
 
+def expected_of(scenario: Scenario, body: Body, dispersions: str) -> ExpectedErrors:
+    """Gives one standard deviation of what a file of dispersions, or those of a name, disperse."""
+    return expected_errors(Dispersions.of(scenario, body, dispersions))
+
+
 def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
     """Gives one standard deviation of all that dispersions disperse, and the usual of the rest.
 

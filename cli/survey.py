@@ -1,0 +1,86 @@
+"""`proxops survey`: makes a map of a body of which an ellipsoid is known, and its scenario."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from proxops.cli.common import (
+    AsJson,
+    DispersionsName,
+    ScenarioChanges,
+    ScenarioFile,
+    check_folder,
+    print_rows,
+    status,
+    with_dispersions,
+    work_bar,
+)
+from proxops.diagrams.scenario import SurveyConfig, load_body, load_scenario
+from proxops.systems.common import compiling_told
+
+
+def survey_command(
+    scenario: ScenarioFile = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the survey.")] = 10000,
+    hours: Annotated[float | None, typer.Option(help="Time in orbit in h. Default: 24.")] = None,
+    settings: ScenarioChanges = None,
+    dispersions: DispersionsName = None,
+    out: Annotated[Path, typer.Option(help="Folder for all files.")] = Path("out/survey"),
+    as_json: AsJson = False,
+) -> None:
+    """Survey a body that is known as an ellipsoid; write its map, body file and scenario.
+
+    Without --dispersions and those of the scenario, the world is drawn from first_look. Run it
+    again to continue after an interruption: the flight is not flown twice.
+
+    Examples:
+
+      proxops survey --out out/survey
+
+      proxops survey bennu --seed 31000 --hours 30 --out out/bennu-survey
+    """
+    # matplotlib is slow to import.
+    from proxops.diagrams.surveys import run_survey
+
+    check_folder(out)
+    wanted = load_scenario(scenario, with_dispersions(settings, dispersions))
+    if not isinstance(wanted.task, SurveyConfig):
+        wanted = dc.replace(wanted, task=SurveyConfig())
+    if hours is not None:
+        wanted = dc.replace(wanted, task=dc.replace(wanted.task, hours=hours))
+    name = wanted.dispersions or "first_look"
+    transit = dc.replace(wanted.transit, seed=seed)
+    wanted = dc.replace(wanted, dispersions=name, transit=transit)
+    with work_bar("surveying") as progress, compiling_told(progress):
+        figures = run_survey(wanted, load_body(wanted.body), out, progress)
+    if as_json:
+        typer.echo(json.dumps(figures, indent=2))
+    else:
+        print_rows(f"survey of {wanted.body}, seed {seed}", _rows(figures))
+    status.print(f"Wrote map.obj, body.yaml, expected.yaml, visit.yaml and survey.json in {out}")
+
+
+def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
+    share = "{:.3%}".format
+    return [
+        ("map against the truth, rms over the size", share(figures["map_rms_of_size"])),
+        ("as it says itself", share(figures["deviation_of_size"])),
+        ("surface within 3 sigma", share(figures["within_3_sigma"])),
+        ("surface seen", share(figures["covered"])),
+        ("error of GM, and 1 sigma", _pair(figures, "gravity", "")),
+        ("error of the pole in degrees, and 1 sigma", _pair(figures, "pole", "_deg")),
+        ("error of the spin rate, and 1 sigma", _pair(figures, "rate", "")),
+        ("returns", f"{figures['returns']}"),
+        ("delta-v", f"{figures['delta_v_m_s']:.3g} m/s"),
+        ("least clearance of the keep-out ellipsoid", f"{figures['least_clearance_m']:.4g} m"),
+        ("flight, estimation", f"{figures['flight_s']:.0f} s, {figures['estimation_s']:.0f} s"),
+    ]
+
+
+def _pair(figures: dict[str, Any], name: str, unit: str) -> str:
+    return f"{figures[f'{name}_error{unit}']:.2e}, {figures[f'{name}_deviation{unit}']:.2e}"

@@ -1,0 +1,271 @@
+"""What a survey writes: map, its error, body, expected errors, and a scenario of visits."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from proxops.diagrams.new_body import Questions, ShapeReport, body_yaml, examine
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    TruthConfig,
+    World,
+    dispersion_entries,
+    dump_scenario,
+    expected_of,
+    write_yaml,
+)  # fmt: skip
+from proxops.diagrams.surveys.survey_flight import SurveyFlight
+from proxops.systems.assurance import AssuranceConfig
+from proxops.systems.common import InputError, make_folder, write_json, write_whole
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
+from proxops.systems.mapping import Estimated, MapUncertainty, Survey, matched
+from proxops.systems.navigation import (
+    SEEN_AGAIN,
+    LidarNavigationConfig,
+    MapError,
+    MendedMap,
+    save_mended_map,
+)
+from proxops.systems.shapes import MeshFile, Polyhedron, mesh_bytes, registered
+
+# What an expected error is at least, over the size or its value: a survey is sure of more than it
+# knows.
+_LEAST = {"gravity": 1e-3, "pole": 0.01, "spin": 1e-6, "contrast": 3e-3, "surface": 2e-4}
+_KM = 1e3
+
+
+class NewMap(NamedTuple):
+    """A survey's map in a frame K of its own, about its centre of mass, with z the spin axis."""
+
+    shape: Polyhedron
+    rotation: np.ndarray
+    """R_KB (3, 3): B is the survey's frame of the body."""
+    centre: np.ndarray
+    """(3,) in m in B: the origin of K."""
+    table: np.ndarray
+    """(V, M) in m: see `MapError`."""
+
+
+def new_map(survey: Survey, uncertainty: MapUncertainty, name: str) -> NewMap:
+    """Puts the map into a frame K, with its long axis towards x.
+
+    Raises:
+      InputError: the map is not sound.
+    """
+    shape = Polyhedron(survey.vertices, survey.facets, name)
+    centre = shape.centre_of_mass
+    flat = (survey.vertices - centre)[:, :2]
+    values, vectors = np.linalg.eigh(flat.T @ flat)
+    x, y = vectors[:, int(np.argmax(values))]
+    if x < 0.0:
+        x, y = -x, -y
+    rotation = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
+    turned = Polyhedron((survey.vertices - centre) @ rotation.T, survey.facets, name)
+    return NewMap(turned, rotation, centre, uncertainty.table)
+
+
+def true_in(
+    made: NewMap, survey: Survey, world: World
+) -> tuple[Polyhedron, np.ndarray, np.ndarray]:
+    """The true surface, the true angular velocity (3,) and the true centre of mass (3,) in K.
+
+    Only the truth of a scenario may hold them.
+    """
+    true = world.true_body
+    phase = np.radians(world.scenario.truth.phase_deg)
+    attitude = Rotation.from_rotvec([0.0, 0.0, -phase]).as_matrix()  # R_NK of the flight, at 0.
+    turn = made.rotation @ survey.body_attitudes(np.zeros(1))[0].T @ attitude
+    moved = (true.shape.vertices - true.axis_point) @ turn.T - made.rotation @ made.centre
+    placed = Polyhedron(moved, true.shape.facets, "truth")
+    placed = registered(placed, made.shape)
+    # The motion is rigid: fit it.
+    a, b = true.shape.vertices, placed.vertices
+    u, _, v = np.linalg.svd((a - a.mean(axis=0)).T @ (b - b.mean(axis=0)))
+    whole = v.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(v.T @ u.T))]) @ u.T
+    centre = whole @ (true.axis_point - a.mean(axis=0)) + b.mean(axis=0)
+    return placed, whole @ true.spin.rate, centre
+
+
+def body_of(made: NewMap, survey: Survey, name: str, craft_mass: float) -> ShapeReport:
+    """Examines the map as `proxops shape` does, with the survey's mass and period.
+
+    Raises:
+      InputError: the map is not sound.
+    """
+    gm, rate = float(survey.tail[21]), float(abs(survey.tail[5]))
+    asked = Questions(
+        mass_kg=gm / GRAVITATIONAL_CONSTANT, rotation_period_h=2.0 * np.pi / rate / 3600.0,
+        craft_mass_kg=craft_mass,
+    )  # fmt: skip
+    file = MeshFile(made.shape.vertices, made.shape.facets, name, "km", "OBJ")
+    report = examine(file, asked, with_hover=False)
+    if report.body is None:
+        defects = ", ".join(each.kind for each in report.defects) or "its mass does not fit"
+        raise InputError(f"the survey's map is not sound ({defects}): fly it for longer")
+    report.body.config.name, report.body.config.mesh = name, "map.obj"
+    return report
+
+
+def expected_entries(
+    scenario: Scenario, uncertainty: MapUncertainty, survey: Survey, made: NewMap, body: Body
+) -> dict[str, object]:
+    """Dispersions of what is uncertain after a survey: entries of a file of dispersions."""
+    entries = {} if scenario.dispersions is None else dict(dispersion_entries(scenario.dispersions))
+    entries.pop("based_on", None)
+    entries.pop("spacecraft.mass_kg", None)  # Known on the day.
+    entries.pop("lidar.noise_std_m", None)
+    size, source = float(made.shape.extents.max()), "the survey's covariance and residuals"
+
+    def normal(mean: float, sigma: float) -> dict[str, object]:
+        return {"normal": mean, "three_sigma": float(3.0 * sigma), "source": source}
+
+    deviation = float(np.sqrt(np.mean(uncertainty.deviations**2)))
+    rough = float(max(1.5 * deviation, _LEAST["surface"] * size))
+    # The centre of mass is the origin of B, and the map's centre is where density is uniform.
+    trial = GravityField(body.shape, mass=body.config.mass_kg, contrast=0.1).centre_of_mass
+    sigma = uncertainty.acceleration / float(survey.tail[5]) ** 2
+    off = float(np.linalg.norm(made.centre[:2])) / 3.0
+    contrast = 0.1 * float(np.hypot(off, sigma)) / max(float(np.linalg.norm(trial)), 1e-9)
+    entries |= {
+        "truth.gravity": normal(1.0, max(uncertainty.gravity, _LEAST["gravity"])),
+        "truth.pole_deg": normal(0.0, max(np.degrees(uncertainty.pole), _LEAST["pole"])),
+        "truth.spin": normal(1.0, max(uncertainty.rate, _LEAST["spin"])),
+        "truth.phase_deg": normal(0.0, 0.02),
+        "truth.density_contrast": normal(0.0, min(max(contrast, _LEAST["contrast"]), 0.3)),
+        "truth.surface_rms_m": {
+            "half_normal": 0.0, "three_sigma": rough,
+            "source": source,
+        },
+        "truth.surface_correlation_m": {"fixed": float(2.0 * uncertainty.correlation)},
+        "truth.size": normal(1.0, 1e-4),
+    }  # fmt: skip
+    return entries
+
+
+def visit_scenario(
+    scenario: Scenario, flight: SurveyFlight, made: NewMap, survey: Survey, body: Body, mass: float
+) -> tuple[Scenario, Polyhedron]:
+    """The scenario of visits, with the survey's own map, body and errors, and the true surface.
+
+    `truth` alone holds the truth: the world of the survey, in the frame of the new map.
+    """
+    world = flight.world
+    shape, rate, centre = true_in(made, survey, world)
+    drawn, true = world.scenario.truth, world.true_body
+    axis = rate / np.linalg.norm(rate)
+    across = np.cross([0.0, 0.0, 1.0], axis)
+    sine = float(np.linalg.norm(across))
+    pole = across * (np.degrees(np.arcsin(sine)) / sine if sine > 0.0 else 0.0)
+    contrast = drawn.density_contrast
+    if contrast != 0.0:
+        trial = GravityField(shape, mass=mass, contrast=contrast).centre_of_mass
+        contrast *= float(np.sign((trial - shape.centre_of_mass) @ (centre - shape.centre_of_mass)))
+    truth = dc.replace(
+        drawn, gravity=float(true.gravity_field.mass) / mass, density_contrast=contrast,
+        mesh="truth.obj", mesh_unit="km", size=1.0, surface_rms_m=0.0,
+        spin=float(np.linalg.norm(rate)) / body.spin_rate, pole_deg=[float(x) for x in pole[:2]],
+        phase_deg=0.0,
+    )  # fmt: skip
+    navigation = LidarNavigationConfig(map="map.obj", map_unit="km")
+    visit = dc.replace(
+        scenario, body="body.yaml", truth=truth, dispersions=None, navigation=navigation,
+        spacecraft=dc.replace(scenario.spacecraft, mass_kg=world.scenario.spacecraft.mass_kg),
+        lidar=dc.replace(scenario.lidar, noise_std_m=world.scenario.lidar.noise_std_m),
+        assurance=AssuranceConfig(bounds="expected.yaml"), task=Scenario().task,
+    )  # fmt: skip
+    return visit, shape
+
+
+def write_survey(
+    folder: Path, scenario: Scenario, flight: SurveyFlight, found: Estimated,
+    uncertainty: MapUncertainty, name: str, times: dict[str, float],
+) -> dict[str, object]:  # fmt: skip
+    """Writes all files of a survey; returns its figures, those against the truth among them.
+
+    `times` are wall times in s, for the figures.
+    """
+    survey = found.survey
+    made = new_map(survey, uncertainty, name)
+    report = body_of(made, survey, name, flight.world.scenario.spacecraft.mass_kg)
+    body = report.body
+    assert body is not None
+    make_folder(folder)
+    error = MapError.known(made.table, SEEN_AGAIN * uncertainty.rest)
+    save_mended_map(MendedMap(made.shape, error), folder / "map.obj")
+    text = body_yaml(body.config, f"Surveyed by proxops: {len(found.returns.ranges)} returns")
+    _write(folder / "body.yaml", text)
+    entries = expected_entries(scenario, uncertainty, survey, made, body)
+    remark = "# What the survey may be wrong about: dispersions, for assurance.bounds.\n"
+    _write(folder / "expected.yaml", remark + write_yaml(_plain(entries)))
+    visit, true = visit_scenario(scenario, flight, made, survey, body, body.config.mass_kg)
+    visit.navigation.expected = expected_of(visit, body, str(folder / "expected.yaml"))
+    _write(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_scenario(visit)}")
+    content = mesh_bytes(true.vertices / _KM, true.facets, ".obj", "the truth of visit.yaml, km")
+    write_whole(folder / "truth.obj", lambda path: path.write_bytes(content))
+    figures = survey_figures(made, true, survey, flight, uncertainty, visit.truth, found) | times
+    write_json(folder / "survey.json", figures)
+    return figures
+
+
+def survey_figures(
+    made: NewMap, true: Polyhedron, survey: Survey, flight: SurveyFlight,
+    uncertainty: MapUncertainty, truth: TruthConfig, found: Estimated,
+) -> dict[str, object]:  # fmt: skip
+    """What a survey found, and how far it is from the truth, by shares of the size and so on."""
+    size = float(true.extents.max())
+    match = matched(made.shape.vertices, true.vertices, true.facets)
+    feet = np.einsum("kc,kci->ki", match.places, true.vertices[true.facets[match.facets]])
+    off = np.linalg.norm(made.shape.vertices - feet, axis=1)
+    areas = np.linalg.norm(np.cross(*_edges(made.shape)), axis=1)
+    weights = np.bincount(made.shape.facets.ravel(), np.repeat(areas, 3), len(off))
+    weights /= weights.sum()
+    seen = uncertainty.counts >= 3.0
+    return {
+        "map_rms_of_size": float(np.sqrt(weights @ off**2)) / size,
+        "map_bias_of_size": float(weights @ (off * np.sign(match.heights))) / size,
+        "within_3_sigma": float(weights @ (off <= 3.0 * uncertainty.deviations)),
+        "deviation_of_size": float(np.sqrt(weights @ uncertainty.deviations**2)) / size,
+        "covered": float(weights @ seen),
+        "gravity_error": 1.0 / truth.gravity - 1.0,
+        "gravity_deviation": uncertainty.gravity,
+        "pole_error_deg": float(np.hypot(*truth.pole_deg)),
+        "pole_deviation_deg": float(np.degrees(uncertainty.pole)),
+        "rate_error": 1.0 / truth.spin - 1.0,
+        "rate_deviation": uncertainty.rate,
+        "residual_median_m": float(np.median(np.abs(found.solution.residuals))),
+        "returns": len(found.returns.ranges),
+        "frames": len(found.returns.times),
+        "orbit_time_h": flight.orbit_time / 3600.0,
+        "delta_v_m_s": flight.delta_v,
+        "orbit_delta_v_m_s": float(np.abs(flight.returns.thrusts).sum() * _period(flight)),
+        "least_clearance_m": flight.clearance,
+        "collided": flight.collided,
+    }
+
+
+def _period(flight: SurveyFlight) -> float:
+    return float(np.median(np.diff(flight.returns.times)))
+
+
+def _edges(shape: Polyhedron) -> tuple[np.ndarray, np.ndarray]:
+    corners = shape.vertices[shape.facets]
+    return corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+
+
+def _plain(value: object) -> object:
+    """Numbers of numpy as those of Python."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_plain(each) for each in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _write(path: Path, text: str) -> None:
+    write_whole(path, lambda file: file.write_text(text, encoding="utf-8"))

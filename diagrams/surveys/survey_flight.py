@@ -1,0 +1,232 @@
+"""Flies a survey: from afar into an orbit, and around until its time is over."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import math
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import Context, EventStatus
+
+from proxops.diagrams.flight import diagram_of, let_go, make_simulator
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    SurveyConfig,
+    Transit,
+    World,
+    draw_world,
+    make_true_body,
+    survey_errors,
+)  # fmt: skip
+from proxops.systems.common import InputError, Progress, Vector3, generator, silent
+from proxops.systems.mapping import Around, Returns, SurveyController
+from proxops.systems.shapes import clearances
+
+# The orbit's radius, over the longest semi-axis, with what that may be off; and over the radius of
+# an orbit that turns with the body.
+_LONGEST, _SYNCHRONOUS = 2.4, 1.7
+# The ellipsoid is known to this share of each axis, at one standard deviation.
+_ELLIPSOID = 0.1 / 3.0
+# A survey starts at so many sizes, on its way to a lowest point of so many radii of its orbit.
+_FROM, _PASSES = (4.0, 6.0), (0.5, 2.0)
+# How far the lidar reaches in a survey, over the longest semi-axis.
+_REACH = 16.0
+
+
+class SurveyFlight(NamedTuple):
+    """What a survey's flight gave. What the estimator sees is `returns`."""
+
+    returns: Returns
+    around: Around
+    orbit_time: float
+    """s from the start to the orbit."""
+    delta_v: float
+    """m/s that the spacecraft's commands gave."""
+    clearance: float
+    """The least distance in m to the body's keep-out ellipsoid: negative within."""
+    collided: bool
+    world: World
+
+
+def known_ellipsoid(scenario: Scenario, body: Body) -> Vector3:
+    """Semi-axes (3,) in m of the ellipsoid that a survey knows."""
+    task = scenario.task
+    assert isinstance(task, SurveyConfig)
+    if task.semi_axes_m is not None:
+        return np.array(task.semi_axes_m)
+    random = generator(scenario.transit.seed, scenario.transit.index, 1)
+    errors = np.clip(random.standard_normal(3), -3.0, 3.0)
+    return 0.5 * body.shape.extents * (1.0 + _ELLIPSOID * errors)
+
+
+def around_of(scenario: Scenario, body: Body) -> Around:
+    """What is known of a body to survey, and the orbit that is flown around it.
+
+    Raises:
+      InputError: the scenario is no survey, or its orbit would be too low.
+    """
+    if not isinstance(scenario.task, SurveyConfig):
+        raise InputError("the scenario's task is no survey: set task: !Survey {}")
+    if scenario.is_rigid:
+        raise InputError("a survey flies a point: set spacecraft: !PointMass {}")
+    axes, gm = known_ellipsoid(scenario, body), body.gravity_field.mass * 6.6743e-11
+    errors = survey_errors(scenario, body)
+    longest = float(axes.max()) * (1.0 + 3.0 * _ELLIPSOID)
+    synchronous = np.cbrt(gm * (1.0 + 3.0 * errors.gravity) / body.spin_about_z**2)
+    radius = scenario.task.radius_m or max(_LONGEST * longest, _SYNCHRONOUS * synchronous)
+    if radius < longest:
+        raise InputError(
+            f"task.radius_m: an orbit of {radius:.3g} m is not outside of any body that the "
+            f"ellipsoid permits, of {longest:.3g} m"
+        )
+    start, reach = _FROM[1] * 2.0 * float(axes.max()), scenario.task.reach_m
+    if reach is not None and reach < start:
+        raise InputError(
+            f"task.reach_m: the lidar never sees the body: it reaches {reach:.4g} m, and the "
+            f"survey starts up to {start:.4g} m away"
+        )
+    white = math.hypot(errors.varying, 0.3 * errors.acceleration)
+    return Around(axes, gm, errors.gravity, body.spin_about_z, radius, white, errors.varying_time)
+
+
+def survey_world(scenario: Scenario, body: Body) -> World:
+    """The world of a survey, whose transit begins far away."""
+    around, drawn = around_of(scenario, body), draw_world(scenario, body)
+    # The gentle limits are of no use where K turns beneath: the controller has its own.
+    assert isinstance(drawn.task, SurveyConfig)
+    craft = dc.replace(drawn.spacecraft, speed_limit_m_s=1e5)
+    reach = drawn.task.reach_m or _REACH * float(around.semi_axes.max())
+    lidar = dc.replace(drawn.lidar, max_range_m=reach)
+    period = drawn.task.period_s
+    drawn = dc.replace(drawn, spacecraft=craft, lidar=lidar, control_period_s=period)
+    random = generator(scenario.transit.seed, scenario.transit.index, 2)
+    size = 2.0 * float(around.semi_axes.max())
+    start = random.standard_normal(3)
+    start *= size * random.uniform(*_FROM) / np.linalg.norm(start)
+    distance, up = float(np.linalg.norm(start)), start / np.linalg.norm(start)
+    side = np.cross(up, random.standard_normal(3))
+    side /= np.linalg.norm(side)
+    low = around.radius * random.uniform(*_PASSES)
+    speed = math.sqrt(2.0 * around.gm / distance)
+    across = math.sqrt(low / distance)
+    velocity = speed * (across * side - math.sqrt(1.0 - across**2) * up)
+    true_body = make_true_body(body, drawn.truth)
+    turning = velocity - np.cross(true_body.spin.rate, start)
+    return World(drawn, body, true_body, Transit(0, 0, start, 100.0 * start, turning))
+
+
+def fly_survey(scenario: Scenario, body: Body, progress: Progress = silent) -> SurveyFlight:
+    """Flies a scenario's survey.
+
+    Args:
+      scenario: with a survey as its task. body: as believed; of its mesh, only the extents count.
+      progress: is called with the share of the time that is over.
+
+    Raises:
+      InputError: the body is never seen, or the orbit is not reached in time.
+    """
+    task, around = scenario.task, around_of(scenario, body)
+    assert isinstance(task, SurveyConfig)
+    world, period = survey_world(scenario, body), task.period_s
+    craft = world.scenario.spacecraft
+    controller = SurveyController(
+        around,
+        world.scenario.lidar_geometry.directions,
+        craft.mass_kg,
+        craft.thrust_limit_n,
+        period,
+    )
+    controller.set_name("controller")
+    diagram = diagram_of(world, controller)
+    kept = _Kept(diagram, controller, world, period)
+    wanted, latest = 3600.0 * task.hours, 3600.0 * (task.hours + task.approach_hours)
+
+    def monitor(context: Context) -> EventStatus:
+        own = controller.GetMyContextFromRoot(context)
+        kept.keep(context, own)
+        over = controller.kept_for(own)
+        progress(over / wanted, f"{context.get_time() / 3600.0:.1f} h")
+        if over >= wanted:
+            return EventStatus.ReachedTermination(controller, "the survey's time is over")
+        return EventStatus.DidNothing()
+
+    try:
+        simulator = make_simulator(diagram, world.scenario)
+        simulator.set_monitor(monitor)
+        simulator.AdvanceTo(latest)
+        flight = kept.flight(around)
+    finally:
+        let_go(diagram, None)
+    return flight
+
+
+class _Kept:
+    """What a survey's flight leaves: the returns, and figures of it."""
+
+    def __init__(self, diagram, controller: SurveyController, world: World, period: float):
+        self._diagram, self._controller, self._world = diagram, controller, world
+        self._period = period
+        self._lidar = diagram.GetSubsystemByName("lidar").GetOutputPort("ranges")
+        self._craft = diagram.GetSubsystemByName("spacecraft").GetOutputPort("position")
+        self._times: list[float] = []
+        self._frames: list[tuple[np.ndarray, np.ndarray]] = []
+        self._forces: list[np.ndarray] = []
+        self._places: list[np.ndarray] = []
+        self._orbit: float | None = None
+
+    def keep(self, context: Context, own: Context) -> None:
+        """Keeps what there is at a control step."""
+        now = context.get_time()
+        if abs(now / self._period - round(now / self._period)) > 1e-6:
+            return
+        ranges = self._lidar.Eval(
+            self._diagram.GetSubsystemByName("lidar").GetMyContextFromRoot(context)
+        )
+        seen = np.flatnonzero(np.isfinite(ranges))
+        craft = self._diagram.GetSubsystemByName("spacecraft")
+        self._places.append(self._craft.Eval(craft.GetMyContextFromRoot(context)).copy())
+        self._times.append(now)
+        self._frames.append((seen, ranges[seen]))
+        self._forces.append(self._controller.GetOutputPort("force").Eval(own).copy())
+        if self._orbit is None and self._controller.kept_for(own) > 0.0:
+            self._orbit = now
+
+    def flight(self, around: Around) -> SurveyFlight:
+        """The flight.
+
+        Raises:
+          InputError: it did not come to its orbit.
+        """
+        if self._orbit is None:
+            raise InputError(
+                "the survey did not come to its orbit: the lidar never saw the body, or "
+                "task.approach_hours is too short"
+            )
+        scenario, body = self._world.scenario, self._world.body
+        times = np.array(self._times)
+        chosen = np.flatnonzero(times >= self._orbit)
+        turns = around.rate * times[chosen]
+        attitudes = np.zeros((len(chosen), 3, 3))
+        attitudes[:, 0, 0] = attitudes[:, 1, 1] = np.cos(turns)
+        attitudes[:, 1, 0], attitudes[:, 0, 1] = np.sin(turns), -np.sin(turns)
+        attitudes[:, 2, 2] = 1.0
+        forces, mass = np.array(self._forces), scenario.spacecraft.mass_kg
+        directions = scenario.lidar_geometry.directions
+        rays = [self._frames[k] for k in chosen]
+        returns = Returns(
+            times[chosen], attitudes,
+            np.einsum("fij,fj->fi", attitudes, forces[chosen]) / mass,
+            np.repeat(np.arange(len(chosen)), [len(seen) for seen, _ in rays]),
+            directions[np.concatenate([seen for seen, _ in rays])],
+            np.concatenate([ranges for _, ranges in rays]),
+        )  # fmt: skip
+        places = np.array(self._places)
+        inside = self._world.true_body.gravity_field.evaluate(places).inside
+        return SurveyFlight(
+            returns, around, self._orbit,
+            float(np.abs(forces).sum() * self._period / mass),
+            float(clearances(body.keep_out_semi_axes, places).min()), bool(inside.any()),
+            self._world,
+        )  # fmt: skip

@@ -1,0 +1,99 @@
+"""`run_survey`: flies a survey, estimates the map, and writes all files into a folder."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from proxops.diagrams.scenario import Body, Scenario, World, dump_scenario, survey_errors
+from proxops.diagrams.surveys.survey_files import write_survey
+from proxops.diagrams.surveys.survey_flight import (
+    SurveyFlight,
+    around_of,
+    fly_survey,
+    survey_world,
+)  # fmt: skip
+from proxops.systems.common import InputError, Progress, make_folder, part_of, silent, write_whole
+from proxops.systems.mapping import Expected, Returns, estimated, map_uncertainty
+
+_FLIGHT = "survey.npz"
+_FIGURES = ("orbit_time", "delta_v", "clearance", "collided")
+
+
+def run_survey(
+    scenario: Scenario, body: Body, folder: Path, progress: Progress = silent
+) -> dict[str, Any]:
+    """Flies a survey and writes its map, its body, its errors and its scenario of visits.
+
+    A flight that the folder has already, of the same scenario, is not flown again.
+
+    Args:
+      scenario: with a survey as its task. body: as believed; of its mesh, only the extents count.
+      folder: is made if need be. progress: is called with the share done.
+
+    Returns:
+      The figures that `survey.json` has.
+
+    Raises:
+      InputError: the survey cannot be flown or saw too little; or the folder cannot be written.
+    """
+    make_folder(folder)
+    started = time.perf_counter()
+    flight = _kept(folder / _FLIGHT, scenario, body)
+    if flight is None:
+        flight = fly_survey(scenario, body, part_of(progress, 0.0, 0.5))
+        _keep(folder / _FLIGHT, flight, scenario)
+    flown = time.perf_counter()
+    around, expected = flight.around, told_errors(scenario, flight.world, body)
+    found = estimated(
+        flight.returns, around.semi_axes, around.gm, around.rate, expected,
+        part_of(progress, 0.5, 0.9),
+    )  # fmt: skip
+    progress(0.9, "what is uncertain where")
+    uncertainty = map_uncertainty(found.survey, found.solution, found.returns, expected)
+    times = {"flight_s": flown - started, "estimation_s": time.perf_counter() - flown}
+    name = f"{body.config.name}, surveyed"
+    return write_survey(folder, scenario, flight, found, uncertainty, name, times)
+
+
+def told_errors(scenario: Scenario, world: World, body: Body) -> Expected:
+    """What the estimator expects, with the lidar's noise as it is known on the day."""
+    noise = world.scenario.lidar.noise_std_m
+    return survey_errors(scenario, body)._replace(noise=noise)
+
+
+def _keep(path: Path, flight: SurveyFlight, scenario: Scenario) -> None:
+    arrays = flight.returns._asdict() | {name: getattr(flight, name) for name in _FIGURES}
+    text = np.array(dump_scenario(scenario))
+
+    def write(name: Path) -> None:
+        with name.open("wb") as file:
+            np.savez_compressed(file, scenario=text, **arrays)
+
+    write_whole(path, write)
+
+
+def _kept(path: Path, scenario: Scenario, body: Body) -> SurveyFlight | None:
+    """The flight in a file; None: there is none, or it is of another scenario.
+
+    Raises:
+      InputError: the file is damaged.
+    """
+    if not path.is_file():
+        return None
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        returns = Returns(**{name: arrays[name] for name in Returns._fields})
+        figures = {name: arrays[name].item() for name in _FIGURES}
+        text = str(arrays["scenario"])
+    except Exception as error:  # Damaged files raise errors of many types.
+        raise InputError(f"{path} is no whole log of a survey: remove it to fly anew") from error
+    if text != dump_scenario(scenario):
+        return None
+    return SurveyFlight(
+        returns, around=around_of(scenario, body), world=survey_world(scenario, body), **figures
+    )

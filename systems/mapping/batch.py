@@ -1,0 +1,137 @@
+"""`estimated`: map, path and rotation, from returns and an ellipsoid, coarse to fine."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from typing import NamedTuple
+
+import numpy as np
+
+from proxops.systems.common import Progress, Vector3, silent
+from proxops.systems.mapping.first_orbit import of_body, with_first_orbit
+from proxops.systems.mapping.free_surface import Mesh, free_surface, oriented, untangled
+from proxops.systems.mapping.path import Path
+from proxops.systems.mapping.returns import Returns
+from proxops.systems.mapping.spheres import sphere
+from proxops.systems.mapping.survey_fit import (
+    GRAVITY,
+    RATE,
+    TAIL,
+    Expected,
+    Solution,
+    Survey,
+    Weighting,
+    improved,
+)  # fmt: skip
+
+# Knots of the path, over the time in which the acceleration's correlation falls to 1/e; and of the
+# attitude.
+_KNOTS, _TURNS = 1.0, 0.67
+# The mesh has about this many facets at the end.
+FACETS = 8000
+# Returns beyond so many are left out evenly: the map's facets say what is left.
+_MOST = 300_000
+# Points from which a free surface is begun.
+_POINTS = 120_000
+
+
+class Stage(NamedTuple):
+    """Steps of Gauss-Newton that weigh alike."""
+
+    surface: float
+    """Standard deviation of the map's own error, over the body's size."""
+    steps: int
+    stride: int
+    """Of the returns, one in so many is used."""
+    hold: bool = False
+    facets: int = 0
+    """Of a new free surface before the stage; 0: that of the stage before."""
+
+
+STAGES = (
+    Stage(0.03, 3, 4, hold=True),
+    Stage(0.015, 1, 4, hold=True),
+    Stage(0.007, 2, 4),
+    Stage(0.004, 3, 3, facets=2500),
+    Stage(0.0015, 2, 2, facets=3000),
+    Stage(0.0002, 3, 1, facets=FACETS),
+)
+_SLIDE = 0.03
+_ROUGHNESS = 0.3
+
+
+class Estimated(NamedTuple):
+    """What a survey found."""
+
+    survey: Survey
+    solution: Solution
+    returns: Returns
+    """Those of the body."""
+
+
+def estimated(
+    returns: Returns, semi_axes: Vector3, gm: float, rate: float, expected: Expected,
+    progress: Progress = silent,
+) -> Estimated:  # fmt: skip
+    """Estimates all that a survey can: see `Survey`.
+
+    First one orbit is fitted to the middles of the frames. Then follow star-shaped maps, and free
+    surfaces from the placed returns, each fitted to the returns together with all else.
+
+    Args:
+      returns: what was measured. semi_axes: (3,) in m of an ellipsoid along B's axes.
+      gm, rate: as believed before, in m^3/s^2 and rad/s. expected: how wrong that may be.
+      progress: is called with the share done.
+
+    Raises:
+      InputError: the body was hardly seen, or the returns show no closed surface.
+    """
+    longest = float(np.max(semi_axes))
+    returns = returns.chosen(np.flatnonzero(of_body(returns, longest)))
+    returns = returns.chosen(np.arange(0, len(returns.frames), 1 + len(returns.frames) // _MOST))
+    believed = _believed(returns, semi_axes, gm, rate, expected)
+    survey = with_first_orbit(believed, returns, expected, semi_axes)
+    size, done, solution = 2.0 * longest, 0.0, None
+    whole = sum(stage.steps / stage.stride for stage in STAGES)
+    for stage in STAGES:
+        if stage.facets:
+            survey = _freed(survey, returns, stage.facets)
+        some = returns.chosen(np.arange(0, len(returns.frames), stage.stride))
+        free = len(survey.vertices) != len(believed.vertices)
+        slide = _SLIDE * size if free else 0.0
+        weighting = Weighting(stage.surface * size, _ROUGHNESS, free, slide, stage.hold)
+        for _ in range(stage.steps):
+            progress(done / whole, f"a map of {len(survey.facets)} facets")
+            survey, solution = improved(survey, some, believed, expected, weighting)
+            done += 1.0 / stage.stride
+    assert solution is not None
+    mesh = untangled(Mesh(survey.vertices, survey.facets))
+    survey = dc.replace(survey, vertices=mesh.vertices)
+    return Estimated(survey, solution, returns)
+
+
+def _believed(
+    returns: Returns, semi_axes: Vector3, gm: float, rate: float, expected: Expected
+) -> Survey:
+    """What is believed before the survey; its path is at the origin."""
+    start, end = float(returns.times[0]), float(returns.times[-1])
+    path = Path.between(start, end, _KNOTS * expected.varying_time)
+    nodes = max(2, round((end - start) / (_TURNS * expected.turning_time)) + 1)
+    tail = np.zeros(TAIL)
+    tail[RATE], tail[GRAVITY] = rate, gm
+    epoch, ball = 0.5 * (start + end), sphere(3)
+    return Survey(
+        path, np.zeros((path.size, 3)), (returns.times, returns.driven),
+        np.zeros((nodes, 3)), np.linspace(start, end, nodes), tail,
+        epoch, rate * epoch, ball.vertices * semi_axes, ball.facets,
+    )  # fmt: skip
+
+
+def _freed(survey: Survey, returns: Returns, facets: int) -> Survey:
+    """The survey with a free surface by its placed returns."""
+    some = returns.chosen(np.arange(0, len(returns.frames), 1 + len(returns.frames) // _POINTS))
+    placed = survey.placed(some)
+    rays = np.einsum("kji,kj->ki", placed.bodies[some.frames], placed.along)
+    points = oriented(placed.points, rays)
+    mesh = free_surface(points, 1.1 * float(points.areas.sum()), facets)
+    return dc.replace(survey, vertices=mesh.vertices, facets=mesh.facets)

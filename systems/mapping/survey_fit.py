@@ -1,0 +1,439 @@
+"""The batch least squares of a survey: path, attitude, rotation, gravity and surface at once.
+
+A return at the vector y from the spacecraft at p, both in N, lies in the body at R_BN (p + y). Its
+residual is its distance from the map's surface, along the normal. One step of Gauss-Newton solves
+for all unknowns; heights of the map are eliminated first, because they are sparse.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from scipy.sparse.linalg import SuperLU, splu
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from proxops.systems.common import Values, Vector3, Vectors3, one_thread
+from proxops.systems.mapping._nearest_kernel import nearest_of
+from proxops.systems.mapping._normal_kernel import LOCAL, add_returns
+from proxops.systems.mapping.mass_points import MassPoints
+from proxops.systems.mapping.path import DEGREE, Path
+from proxops.systems.mapping.returns import Returns
+
+# Facets, by nearness of their centroids, among which the nearest point is looked for.
+_CANDIDATES = 8
+# Unknowns that all returns depend on, then those of the dynamics.
+MOUNTING, POLE, RATE, BIAS, SCALE, BEAM, AFFINE, GRAVITY, ACCELERATION = (
+    slice(0, 3), slice(3, 5), slice(5, 6), slice(6, 7), slice(7, 8), slice(8, 9), slice(9, 21),
+    slice(21, 22), slice(22, 25),
+)  # fmt: skip
+TAIL = 25
+# A vertex moves in one step by no more than about this share of the edges' length, where no return
+# says how far.
+_STEP = 0.3
+
+
+class Expected(NamedTuple):
+    """One standard deviation of what is wrong before the survey, and of what varies."""
+
+    gravity: float = 0.11
+    """Of GM, over GM."""
+    pole: float = 0.02
+    """Of the direction of the spin axis, in rad."""
+    rate: float = 3e-5
+    """Of the spin rate, over the rate."""
+    mounting: float = 6e-4
+    """Of the attitude, constant, about each axis of S, in rad."""
+    turning: float = 1.2e-4
+    """Of the attitude, of what varies, in rad."""
+    turning_time: float = 3600.0
+    """In s, over which its correlation falls to 1/e."""
+    noise: float = 50.0
+    """Of a range, in m."""
+    bias: float = 3.0
+    """Of all ranges, in m."""
+    scale: float = 1e-4
+    """Of all ranges, over the range."""
+    beam: float = 0.0
+    """Half of the angle of the lidar's beams in rad, as far as it may be."""
+    acceleration: float = 0.0
+    """Of one that is constant in the body's frame, along each axis, in m/s^2."""
+    varying: float = 1e-7
+    """Of one that varies, in m/s^2."""
+    varying_time: float = 600.0
+    """In s, over which its correlation falls to 1/e."""
+    thrust: float = 0.03
+    """Of the thrust's acceleration, over that."""
+
+
+@dc.dataclass
+class Survey:
+    """What is estimated, as it is now."""
+
+    path: Path
+    coefficients: np.ndarray
+    """(J, 3) in m: of the path in N, less what thrust has moved."""
+    driven: tuple[Values, Vectors3]
+    """Times (F,) in s, and how far thrust has moved the spacecraft (F, 3) in m in N: known."""
+    turns: np.ndarray
+    """(A, 3) in rad: rotation vectors in S, of the attitude's error at `turn_times`."""
+    turn_times: Values
+    tail: np.ndarray
+    """(TAIL,): mounting (3) in rad, pole (2) in rad, rate in rad/s, bias in m, scale, half beam in
+    rad, twelve that stay 0, and of gravity the GM in m^3/s^2 and a constant acceleration (3) in
+    m/s^2 in B."""
+    epoch: float
+    """Time in s at which the phase is `phase`."""
+    phase: float
+    """Of the body's frame B, in rad: it is chosen, not estimated."""
+    vertices: Vectors3
+    """(V, 3) in m in B: the map."""
+    facets: np.ndarray
+
+    def body_attitudes(self, times: Values) -> np.ndarray:
+        """R_NB (T, 3, 3) at times (T,) in s."""
+        about = self.tail[RATE] * (times - self.epoch) + self.phase
+        spins = Rotation.from_rotvec(about[:, None] * [0.0, 0.0, 1.0])
+        return (self.pole * spins).as_matrix()
+
+    @property
+    def pole(self) -> Rotation:
+        """Turns z of N onto the spin axis."""
+        return Rotation.from_rotvec([*self.tail[POLE], 0.0])
+
+    @property
+    def axis(self) -> Vector3:
+        """(3,): the spin axis in N."""
+        return self.pole.as_matrix()[:, 2]
+
+    def positions(self, times: Values) -> Vectors3:
+        """Of the spacecraft (T, 3) in m in N at times (T,) in s."""
+        return self.path.matrix(times) @ self.coefficients + self.moved(times)
+
+    def moved(self, times: Values) -> Vectors3:
+        """How far thrust has moved the spacecraft (T, 3) in m in N at times (T,) in s."""
+        known, driven = self.driven
+        return np.stack([np.interp(times, known, column) for column in driven.T], axis=1)
+
+    def placed(self, returns: Returns) -> Placed:
+        """The returns as this places them."""
+        turns = np.stack(
+            [np.interp(returns.times, self.turn_times, column) for column in self.turns.T], axis=1
+        )
+        errors = Rotation.from_rotvec(turns + self.tail[MOUNTING]).as_matrix()
+        attitudes = returns.attitudes @ errors
+        along = np.einsum("kij,kj->ki", attitudes[returns.frames], returns.directions)
+        lengths = returns.ranges * (1.0 - self.tail[SCALE]) - self.tail[BIAS]
+        at = self.positions(returns.times)[returns.frames] + lengths[:, None] * along
+        bodies = self.body_attitudes(returns.times)
+        points = np.einsum("kji,kj->ki", bodies[returns.frames], at)
+        return Placed(points, at, along, attitudes, bodies)
+
+
+class Placed(NamedTuple):
+    """Returns in the frame of the body."""
+
+    points: Vectors3
+    """(K, 3) in m in B."""
+    inertial: Vectors3
+    """(K, 3): the same in N."""
+    along: Vectors3
+    """(K, 3): the rays in N."""
+    attitudes: np.ndarray
+    """(F, 3, 3): R_NS."""
+    bodies: np.ndarray
+    """(F, 3, 3): R_NB."""
+
+
+class Match(NamedTuple):
+    """The places of a mesh that are nearest to points."""
+
+    facets: Values
+    """(K,) int."""
+    places: np.ndarray
+    """(K, 3): weights of the facet's corners."""
+    normals: Vectors3
+    """(K, 3)."""
+    heights: Values
+    """(K,) in m: of the points over the facets' planes."""
+
+
+def facet_normals(vertices: Vectors3, facets: np.ndarray) -> Vectors3:
+    """The outward unit normals (F, 3) of a mesh."""
+    corners = vertices[facets]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def matched(points: Vectors3, vertices: Vectors3, facets: np.ndarray) -> Match:
+    """Finds the place of a mesh that is nearest to each point (K, 3), all in one frame in m."""
+    tree = KDTree(vertices[facets].mean(axis=1))
+    _, candidates = tree.query(points, k=_CANDIDATES)
+    chosen, places = np.empty(len(points), dtype=np.int64), np.empty((len(points), 3))
+    nearest_of(points, candidates, vertices, facets, chosen, places)
+    normals = facet_normals(vertices, facets)[chosen]
+    heights = np.einsum("ki,ki->k", points - vertices[facets[chosen, 0]], normals)
+    return Match(chosen, places, normals, heights)
+
+
+class Weighting(NamedTuple):
+    """How one step weighs what it fits."""
+
+    surface: float
+    """Standard deviation in m of the map's own error along the normal, beside the range's."""
+    roughness: float
+    """Standard deviation of a vertex from the mean of its neighbours, over the edges' length."""
+    free: bool = False
+    """Whether vertices move along the normals; otherwise away from the origin."""
+    slide: float = 0.0
+    """Standard deviation in m by which the map as a whole moves and stretches in this step."""
+    hold: bool = False
+    """Whether attitude, pole and rate stay as they are believed."""
+
+
+class Solution(NamedTuple):
+    """The normal equations of a step, after it."""
+
+    factor: SuperLU
+    """Of the heights' own matrix (V, V)."""
+    cross: np.ndarray
+    """(V, G): of heights and global unknowns, solved by that matrix."""
+    covariance: np.ndarray
+    """(G, G): of the global unknowns."""
+    outward: Vectors3
+    """(V, 3): along which the heights are."""
+    residuals: Values
+    """(K,) in m, before the step."""
+    deviations: Values
+    """(K,) in m: of the residuals, as they are expected to be."""
+    moved: float
+    """Root mean square in m of the heights' step."""
+
+
+@one_thread()
+def improved(
+    survey: Survey, returns: Returns, prior: Survey, expected: Expected, weighting: Weighting
+) -> tuple[Survey, Solution]:
+    """Takes one step of Gauss-Newton.
+
+    Args:
+      survey: as it is now. returns: what was measured.
+      prior: its `tail` is what was believed before. expected: how wrong that may be.
+      weighting: of this step.
+
+    Returns:
+      The survey after the step, and what the step knows.
+    """
+    placed = survey.placed(returns)
+    match = matched(placed.points, survey.vertices, survey.facets)
+    outward = _outward(survey, weighting.free)
+    rows, incidences = _rows(survey, returns, placed, match)
+    corners = survey.facets[match.facets]
+    motions = -match.places * np.einsum("kci,ki->kc", outward[corners], match.normals)
+    residuals = match.heights - survey.tail[BEAM] * returns.ranges * np.sqrt(1.0 - incidences**2)
+    variances = weighting.surface**2 + (expected.noise * incidences) ** 2
+    # Cauchy's weights: an outlier counts little.
+    weights = 1.0 / (variances + residuals**2 / 4.0)
+    count, size = 3 * survey.path.size + survey.turns.size + TAIL, len(survey.vertices)
+    equations = np.zeros((count, count)), np.zeros((size, count)), np.zeros(count)
+    add_returns(
+        returns.frames, _starts(survey, returns), rows, residuals, weights, corners, motions,
+        equations,
+    )  # fmt: skip
+    matrix, cross, right = equations
+    matrix += np.triu(matrix, 1).T
+    add_motion(survey, returns, expected, matrix, right)
+    _add_priors(survey, prior, expected, weighting, matrix, right)
+    heights = sp.csr_matrix(
+        (motions.ravel(), corners.ravel(), np.arange(0, motions.size + 1, 3)),
+        shape=(len(residuals), size),
+    )
+    own = (heights.T @ sp.diags_array(weights) @ heights).tocsc()
+    side = heights.T @ (weights * residuals)
+    smooth, target = _smoothness(survey, outward, weighting.roughness, own.diagonal())
+    factor = splu(own + smooth)
+    side = side + target
+    solved = factor.solve(cross)
+    reduced = matrix - cross.T @ solved
+    chol = scipy.linalg.cho_factor(reduced)
+    step = -scipy.linalg.cho_solve(chol, right - solved.T @ side)
+    risen = -factor.solve(side) - solved @ step
+    covariance = scipy.linalg.cho_solve(chol, np.eye(count))
+    deviations = np.sqrt(variances)
+    moved = float(np.sqrt(np.mean(risen**2)))
+    after = _stepped(survey, step, risen, outward)
+    return after, Solution(factor, solved, covariance, outward, residuals, deviations, moved)
+
+
+def _outward(survey: Survey, free: bool) -> Vectors3:
+    """Unit vectors (V, 3) along which the vertices move."""
+    if not free:
+        return survey.vertices / np.linalg.norm(survey.vertices, axis=1, keepdims=True)
+    corners = survey.vertices[survey.facets]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sums = np.zeros_like(survey.vertices)
+    for k in range(3):
+        np.add.at(sums, survey.facets[:, k], areas)
+    return sums / np.linalg.norm(sums, axis=1, keepdims=True)
+
+
+def _starts(survey: Survey, returns: Returns) -> np.ndarray:
+    """Where the unknowns of each frame's path and attitude begin: (F, 2)."""
+    path = 3 * survey.path.basis(returns.times).first
+    node = np.searchsorted(survey.turn_times, returns.times, side="right") - 1
+    node = np.clip(node, 0, len(survey.turn_times) - 2)
+    return np.stack([path, 3 * survey.path.size + 3 * node], axis=1)
+
+
+def _rows(
+    survey: Survey, returns: Returns, placed: Placed, match: Match
+) -> tuple[np.ndarray, Values]:
+    """Derivatives (K, LOCAL) of the residuals, and the cosines (K,) of the incidence."""
+    rows, frames = np.empty((len(returns.frames), LOCAL)), returns.frames
+    normals = np.einsum("kij,kj->ki", placed.bodies[frames], match.normals)  # In N.
+    basis = survey.path.basis(returns.times).values[frames]
+    spline = 3 * (DEGREE + 1)
+    rows[:, :spline] = (basis[:, :, None] * normals[:, None]).reshape(len(rows), spline)
+    lever = returns.ranges[:, None] * np.cross(placed.along, normals)
+    turn = np.einsum("kji,kj->ki", placed.attitudes[frames], lever)
+    times = survey.turn_times
+    node = np.clip(np.searchsorted(times, returns.times, side="right") - 1, 0, len(times) - 2)
+    share = ((returns.times - times[node]) / (times[node + 1] - times[node]))[frames, None]
+    rows[:, spline : spline + 3] = (1.0 - share) * turn
+    rows[:, spline + 3 : spline + 6] = share * turn
+    tail = rows[:, spline + 6 :]
+    tail[:, MOUNTING] = turn
+    body = -np.cross(placed.inertial, normals)
+    tail[:, POLE] = body[:, :2]
+    tail[:, RATE] = ((returns.times - survey.epoch)[frames] * (body @ survey.axis))[:, None]
+    slant = np.einsum("ki,ki->k", placed.along, normals)
+    tail[:, BIAS] = -slant[:, None]
+    tail[:, SCALE] = -(slant * returns.ranges)[:, None]
+    incidences = np.minimum(np.abs(slant), 1.0)
+    # The map as a whole may move and stretch, by vectors that are linear in the place. Heights
+    # along the normals of a coarse mesh can't do that, but for a part.
+    size = np.ptp(survey.vertices, axis=0).max()
+    places = np.concatenate([np.ones((len(rows), 1)), placed.points / size], axis=1)
+    tail[:, AFFINE] = -(places[:, :, None] * match.normals[:, None]).reshape(-1, 12)
+    tail[:, BEAM] = -(returns.ranges * np.sqrt(1.0 - incidences**2))[:, None]
+    return rows, incidences
+
+
+def add_motion(
+    survey: Survey, returns: Returns, expected: Expected, matrix: np.ndarray, right: np.ndarray
+) -> None:
+    """Adds the equation of motion at the path's places: p'' = gravity + constant.
+
+    What the commanded thrust does is in `Survey.moved`; it may be wrong by a share.
+    """
+    path, times = survey.path, survey.path.places
+    bodies = survey.body_attitudes(times)
+    positions = survey.positions(times)
+    inside = np.einsum("tji,tj->ti", bodies, positions)
+    pull, gradient = MassPoints.of(survey.vertices, survey.facets).pull(inside)
+    gm = survey.tail[GRAVITY][0]
+    pull = np.einsum("tij,tj->ti", bodies, pull)
+    gradient = gm * np.einsum("tij,tjk,tlk->til", bodies, gradient, bodies)
+    spread = _thrust(survey, returns)
+    constant = np.einsum("tij,j->ti", bodies, survey.tail[ACCELERATION])
+    second = path.matrix(times, 2)
+    residuals = second @ survey.coefficients - gm * pull - constant
+    white = expected.varying * np.sqrt(2.0 * expected.varying_time / path.step)
+    sigma = np.sqrt(white**2 + (expected.thrust * spread) ** 2)
+    size, count = 3 * path.size, len(right)
+    rows = np.zeros((len(times), 3, count))
+    value = path.matrix(times)
+    for i in range(3):
+        rows[:, i, i:size:3] = second
+        for j in range(3):
+            rows[:, i, j:size:3] -= gradient[:, i, j, None] * value
+    tail = rows[:, :, count - TAIL :]
+    tail[:, :, GRAVITY] = -pull[:, :, None]
+    tail[:, :, ACCELERATION] = -bodies
+    rows = rows.reshape(-1, count) / np.repeat(sigma, 3)[:, None]
+    matrix += rows.T @ rows
+    right += rows.T @ (residuals / sigma[:, None]).ravel()
+
+
+def _thrust(survey: Survey, returns: Returns) -> Values:
+    """The commanded acceleration (T,) in m/s^2 about each of the path's places, in the mean."""
+    step, places = survey.path.step, survey.path.places
+    cell = np.round((returns.times - places[0]) / step).astype(np.int64).clip(0, len(places) - 1)
+    period = float(np.median(np.diff(returns.times)))
+    sizes = np.linalg.norm(returns.thrusts, axis=1) * (period / step)
+    return np.bincount(cell, sizes, len(places))
+
+
+def _add_priors(
+    survey: Survey, prior: Survey, expected: Expected, weighting: Weighting, matrix: np.ndarray,
+    right: np.ndarray,
+) -> None:  # fmt: skip
+    """Adds what was known before: of the tail, and of how the attitude's error varies."""
+    size, count = 3 * survey.path.size, len(right)
+    hold = 1e-3 if weighting.hold else 1.0
+    rate, gm = abs(prior.tail[RATE][0]), prior.tail[GRAVITY][0]
+    sigma = np.r_[
+        np.full(3, hold * expected.mounting), np.full(2, hold * expected.pole),
+        hold * expected.rate * rate, expected.bias, expected.scale, expected.beam,
+        np.full(12, weighting.slide), expected.gravity * gm, np.full(3, expected.acceleration),
+    ]  # fmt: skip
+    sigma = np.maximum(
+        sigma, 1e-12 * np.r_[np.ones(5), rate, 1e3, 1.0, 1.0, np.ones(12), gm, np.ones(3)]
+    )
+    tail = np.arange(count - TAIL, count)
+    matrix[tail, tail] += sigma**-2.0
+    right[tail] += (survey.tail - prior.tail) / sigma**2
+    held = np.exp(-np.diff(survey.turn_times) / expected.turning_time)
+    turning = hold * max(expected.turning, 1e-9)
+    nodes = len(survey.turn_times)
+    # x_k+1 - held x_k has the variance (1 - held^2) turning^2.
+    chain = np.eye(nodes)
+    chain[np.arange(1, nodes), np.arange(nodes - 1)] = -held
+    chain[1:] /= np.sqrt(1.0 - held**2)[:, None]
+    own = chain.T @ chain / turning**2
+    for i in range(3):
+        index = size + i + 3 * np.arange(nodes)
+        matrix[np.ix_(index, index)] += own
+        right[index] += own @ survey.turns[:, i]
+
+
+def _smoothness(
+    survey: Survey, outward: Vectors3, roughness: float, seen: Values
+) -> tuple[sp.csc_array, np.ndarray]:
+    """The normal matrix (V, V) and right side (V,) of a smooth surface."""
+    size, facets = len(survey.vertices), survey.facets
+    first, second = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
+    links = sp.csr_array((np.ones(first.size), (first, second)), shape=(size, size))
+    links = links + links.T
+    links.data[:] = 1.0
+    degree = np.asarray(links.sum(axis=1)).ravel()
+    laplacian = sp.eye_array(size) - sp.diags_array(1.0 / degree) @ links
+    edges = np.linalg.norm(survey.vertices[first] - survey.vertices[second], axis=1)
+    lengths = np.bincount(first, edges, size) / np.bincount(first, minlength=size)
+    weighed = sp.diags_array(1.0 / (roughness * lengths)) @ laplacian
+    bent = np.einsum("vi,vi->v", laplacian @ survey.vertices, outward)
+    own = weighed.T @ weighed + sp.diags_array(np.maximum((_STEP * lengths) ** -2.0 - seen, 0.0))
+    return own.tocsc(), weighed.T @ (bent / (roughness * lengths))
+
+
+def _stepped(survey: Survey, step: Values, risen: Values, outward: Vectors3) -> Survey:
+    """The survey after a step of its global unknowns (G,) and of the heights (V,)."""
+    size, count = survey.coefficients.size, len(step)
+    turns = survey.turns + step[size : count - TAIL].reshape(-1, 3)
+    tail = survey.tail + step[count - TAIL :]
+    moved = tail[AFFINE].reshape(4, 3).copy()
+    tail[AFFINE] = 0.0
+    vertices = survey.vertices + risen[:, None] * outward
+    extent = np.ptp(survey.vertices, axis=0).max()
+    vertices = vertices + moved[0] + (survey.vertices / extent) @ moved[1:]
+    return dc.replace(
+        survey,
+        coefficients=survey.coefficients + step[:size].reshape(-1, 3),
+        turns=turns,
+        tail=tail,
+        vertices=vertices,
+    )

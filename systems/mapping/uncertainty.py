@@ -1,0 +1,122 @@
+"""What is uncertain of a survey's map, and where."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from proxops.systems.common import Values, one_thread
+from proxops.systems.mapping.returns import Returns
+from proxops.systems.mapping.survey_fit import (
+    ACCELERATION,
+    GRAVITY,
+    POLE,
+    RATE,
+    TAIL,
+    Expected,
+    Solution,
+    Survey,
+    matched,
+)  # fmt: skip
+
+# Vertices whose own errors are computed at once.
+_BLOCK = 512
+# The theory is linear and takes returns as independent: its deviations are taken so much larger.
+_DOUBT = 1.5
+# Columns of the correlated part that hold all but this share of it are kept, and the most of them.
+_NEGLIGIBLE, _MOST = 0.02, 120
+# Of the returns of a frame on one facet, the errors that beams and curvature make are alike.
+_FEWEST = 3.0
+
+
+class MapUncertainty(NamedTuple):
+    """One standard deviation of a map along its normals, and of what was found beside."""
+
+    deviations: Values
+    """(V,) in m, at each vertex."""
+    table: np.ndarray
+    """(V, M) in m: displacement of each vertex by independent errors of variance 1."""
+    rest: float
+    """m^2: variance of what is finer than that."""
+    correlation: float
+    """In m: over how much the errors are alike."""
+    counts: Values
+    """(V,): returns about each vertex."""
+    gravity: float
+    """Of GM, over GM."""
+    pole: float
+    """Of the spin axis, in rad, about each of two axes."""
+    rate: float
+    """Of the spin rate, over the rate."""
+    acceleration: float
+    """Of the constant acceleration, in m/s^2."""
+
+
+@one_thread()
+def map_uncertainty(
+    survey: Survey, solution: Solution, returns: Returns, expected: Expected
+) -> MapUncertainty:
+    """Says what is uncertain of a map, by the covariance of the last step and its residuals.
+
+    A map may be moved and turned as a whole: that is no error. What its facets are too coarse for
+    is the root mean square of the residuals beyond the range noise.
+    """
+    vertices, facets = survey.vertices, survey.facets
+    own = np.empty(len(vertices))
+    for start in range(0, len(vertices), _BLOCK):
+        index = np.arange(start, min(start + _BLOCK, len(vertices)))
+        unit = np.zeros((len(vertices), len(index)))
+        unit[index, index - start] = 1.0
+        own[index] = solution.factor.solve(unit)[index, index - start]
+    # Heights follow the global unknowns: h = h0 - cross g, but for what moves all of the map.
+    count = len(solution.covariance)
+    tail = count - TAIL
+    moving = -solution.cross.copy()
+    size = float(np.ptp(vertices, axis=0).max())
+    places = np.concatenate([np.ones((len(vertices), 1)), vertices / size], axis=1)
+    affine = (places[:, :, None] * solution.outward[:, None]).reshape(-1, 12)
+    moving[:, tail + 9 : tail + 21] += affine
+    moving = _without_rigid(moving, vertices, solution.outward)
+    values, vectors = np.linalg.eigh(0.5 * (solution.covariance + solution.covariance.T))
+    table = moving @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    left, singular, _ = np.linalg.svd(table, full_matrices=False)
+    held = np.cumsum(singular**2) / max(float((singular**2).sum()), 1e-300)
+    modes = min(_MOST, int(np.searchsorted(held, 1.0 - _NEGLIGIBLE)) + 1)
+    table = _DOUBT * left[:, :modes] * singular[:modes]
+    places = survey.placed(returns).points
+    match = matched(places, vertices, facets)
+    counts = np.bincount(facets[match.facets].ravel(), match.places.ravel(), len(vertices))
+    coarse = _coarseness(match, counts, facets, solution, expected)
+    spread = np.sqrt(_DOUBT**2 * own + coarse**2)
+    deviations = np.sqrt(spread**2 + np.einsum("vm,vm->v", table, table))
+    edges = np.linalg.norm(vertices[facets] - vertices[np.roll(facets, -1, axis=1)], axis=2)
+    sigma = np.sqrt(np.diag(solution.covariance)[tail:])
+    return MapUncertainty(
+        deviations, table, float(np.median(spread) ** 2), float(np.mean(edges)), counts,
+        float(sigma[GRAVITY][0] / survey.tail[GRAVITY][0]), float(sigma[POLE].max()),
+        float(sigma[RATE][0] / abs(survey.tail[RATE][0])), float(sigma[ACCELERATION].max()),
+    )  # fmt: skip
+
+
+def _without_rigid(heights: np.ndarray, vertices: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Heights (V, M) less what moves and turns the whole map."""
+    arms = (vertices - vertices.mean(axis=0)) / np.ptp(vertices, axis=0).max()
+    rigid = np.hstack([normals, np.cross(arms, normals)])
+    fit, *_ = np.linalg.lstsq(rigid, heights, rcond=None)
+    return heights - rigid @ fit
+
+
+def _coarseness(match, counts, facets, solution: Solution, expected: Expected) -> Values:
+    """Standard deviation (V,) in m of what the facets about each vertex do not follow."""
+    squares = solution.residuals**2
+    noise = solution.deviations**2
+    usual = max(float(np.median(squares) / 0.455 - np.median(noise)), 0.0)
+    inner = np.bincount(
+        facets[match.facets].ravel(),
+        (match.places * np.minimum(squares, 25.0 * noise)[:, None]).ravel(),
+        len(counts),
+    )
+    mean = inner / np.maximum(counts, 1.0)
+    local = np.sqrt(np.maximum(mean, usual))
+    return np.where(counts < _FEWEST, np.maximum(local, np.sqrt(noise.mean())), local)

@@ -1,0 +1,70 @@
+"""`proxops survey`: what it refuses, and, slowly, a whole survey and a visit."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from proxops.diagrams.flight import fly
+from proxops.diagrams.scenario import SurveyConfig, load_body, load_scenario
+from proxops.diagrams.surveys import run_survey
+from proxops.diagrams.surveys.survey_flight import around_of, survey_world
+from proxops.systems.common import InputError
+
+
+def survey(**task):
+    scenario = load_scenario(dispersions="first_look")
+    scenario.task = SurveyConfig(**task)
+    return scenario
+
+
+def test_a_lidar_that_never_sees_the_body_is_refused() -> None:
+    with pytest.raises(InputError, match=r"task\.reach_m: the lidar never sees the body"):
+        around_of(survey(reach_m=100e3), load_body("kleopatra"))
+
+
+def test_an_orbit_within_the_body_is_refused() -> None:
+    with pytest.raises(InputError, match=r"task\.radius_m"):
+        around_of(survey(radius_m=100e3), load_body("kleopatra"))
+
+
+def test_a_transit_is_no_survey() -> None:
+    with pytest.raises(InputError, match="task: !Survey"):
+        around_of(load_scenario(), load_body("kleopatra"))
+
+
+def test_a_log_that_was_cut_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "survey.npz").write_bytes(b"PK\x03\x04 and no more")
+    with pytest.raises(InputError, match="no whole log of a survey"):
+        run_survey(survey(), load_body("kleopatra"), tmp_path)
+
+
+def test_surveys_start_far_away_and_differ_by_seed() -> None:
+    body, starts = load_body("kleopatra"), []
+    for seed in (1, 2):
+        scenario = survey()
+        scenario.transit.seed = seed
+        around = around_of(scenario, body)
+        starts.append(survey_world(scenario, body).transit.start)
+        sizes = np.linalg.norm(starts[-1]) / (2.0 * around.semi_axes.max())
+        assert 4.0 <= sizes <= 6.0
+        # Known is an ellipsoid, a tenth off at most along each axis.
+        assert np.abs(around.semi_axes / (0.5 * body.shape.extents) - 1.0).max() <= 0.1 + 1e-9
+    assert not np.allclose(*starts)
+
+
+@pytest.mark.slow
+def test_a_survey_and_a_visit(tmp_path: Path) -> None:
+    scenario = survey(hours=20.0)
+    scenario.transit.seed = 1
+    run_survey(scenario, load_body("kleopatra"), tmp_path)
+    figures = json.loads((tmp_path / "survey.json").read_text())
+    assert figures["map_rms_of_size"] < 1e-3
+    assert figures["within_3_sigma"] > 0.98
+    assert abs(figures["gravity_error"]) < 0.01
+    assert figures["pole_error_deg"] < 0.05
+    assert not figures["collided"]
+    visit = load_scenario(tmp_path / "visit.yaml")
+    log = fly(visit, "mpc")
+    assert log.summary["success"]
