@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,7 +27,6 @@ from proxops.systems.common import InputError, make_folder, write_json, write_wh
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
 from proxops.systems.mapping import Estimated, MapUncertainty, Survey, matched
 from proxops.systems.navigation import (
-    SEEN_AGAIN,
     LidarNavigationConfig,
     MapError,
     MendedMap,
@@ -196,15 +196,18 @@ def write_survey(
     body = report.body
     assert body is not None
     make_folder(folder)
-    error = MapError.known(made.table, SEEN_AGAIN * uncertainty.rest)
-    save_mended_map(MendedMap(made.shape, error), folder / "map.obj")
+    save_mended_map(MendedMap(made.shape, MapError.known(made.table, 0.0)), folder / "map.obj")
     text = body_yaml(body.config, f"Surveyed by proxops: {len(found.returns.ranges)} returns")
     _write(folder / "body.yaml", text)
     entries = expected_entries(scenario, uncertainty, survey, made, body)
     remark = "# What the survey may be wrong about: dispersions, for assurance.bounds.\n"
     _write(folder / "expected.yaml", remark + write_yaml(_plain(entries)))
     visit, true = visit_scenario(scenario, flight, made, survey, body, body.config.mass_kg)
-    visit.navigation.expected = expected_of(visit, body, str(folder / "expected.yaml"))
+    visit.navigation.expected = dc.replace(
+        expected_of(visit, body, str(folder / "expected.yaml")),
+        relief_rms_m=math.sqrt(uncertainty.rest),
+        relief_correlation_m=uncertainty.correlation,
+    )
     _write(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_scenario(visit)}")
     content = mesh_bytes(true.vertices / _KM, true.facets, ".obj", "the truth of visit.yaml, km")
     write_whole(folder / "truth.obj", lambda path: path.write_bytes(content))

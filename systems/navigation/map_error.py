@@ -19,8 +19,7 @@ _POINTS = 1200
 # Modes are kept until they hold this share of the variance; and the greatest number of modes.
 _SHARE, _MOST = 0.985, 160
 # The truncation error is correlated between frames: the factor on its variance, as noise.
-SEEN_AGAIN = 10.0
-"""The factor on the variance of what is finer than the modes, in `MapError.rest`."""
+_SEEN_AGAIN = 10.0
 # Vertices interpolated at once: limits memory.
 _BLOCK = 20_000
 
@@ -51,7 +50,7 @@ class MapError:
         self.table, self.rest = np.zeros((len(shape.vertices), 0)), 0.0
         if std > 0.0:
             table, share = _smooth_fields(shape, correlation)
-            self.table, self.rest = std * table, SEEN_AGAIN * std**2 * (1.0 - share)
+            self.table, self.rest = std * table, _SEEN_AGAIN * std**2 * (1.0 - share)
         self.modes = self.table.shape[1]
 
     def with_relief(self, std: float, correlation: float) -> MapError:
@@ -88,7 +87,7 @@ class MapError:
     @property
     def _left_out(self) -> float:
         """Standard deviation in m of the displacement beyond the modes."""
-        return math.sqrt(self.rest / SEEN_AGAIN)
+        return math.sqrt(self.rest / _SEEN_AGAIN)
 
 
 @functools.lru_cache(maxsize=4)

@@ -14,7 +14,7 @@ HEIGHT, DEPTH = 0.4, 0.1
 0.4 times as high as long, and buried in part (Michikami et al. 2019, Icarus 331, 179)."""
 # A form is this many edges of the mesh wide, at least; and the most facets of a mesh.
 _EDGES, _MOST_FACETS = 2.0, 100_000
-# The correlation length, over the width: from its middle, a form's height falls by a half over that.
+# The correlation length over the width: half of a form's height is left there.
 _LIKE = 0.35
 
 
