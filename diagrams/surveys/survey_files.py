@@ -172,9 +172,8 @@ def visit_scenario(
         spin=float(np.linalg.norm(rate)) / body.spin_rate, pole_deg=[float(x) for x in pole[:2]],
         phase_deg=0.0,
     )  # fmt: skip
-    navigation = LidarNavigationConfig(map="map.obj", map_unit="km")
     visit = dc.replace(
-        scenario, body="body.yaml", truth=truth, dispersions=None, navigation=navigation,
+        scenario, body="body.yaml", truth=truth, dispersions=None,
         spacecraft=dc.replace(scenario.spacecraft, mass_kg=world.scenario.spacecraft.mass_kg),
         lidar=dc.replace(scenario.lidar, noise_std_m=world.scenario.lidar.noise_std_m),
         assurance=AssuranceConfig(bounds="expected.yaml"), task=Scenario().task,
@@ -203,11 +202,12 @@ def write_survey(
     remark = "# What the survey may be wrong about: dispersions, for assurance.bounds.\n"
     _write(folder / "expected.yaml", remark + write_yaml(_plain(entries)))
     visit, true = visit_scenario(scenario, flight, made, survey, body, body.config.mass_kg)
-    visit.navigation.expected = dc.replace(
+    told = dc.replace(
         expected_of(visit, body, str(folder / "expected.yaml")),
         relief_rms_m=math.sqrt(uncertainty.rest),
         relief_correlation_m=uncertainty.correlation,
     )
+    visit.navigation = LidarNavigationConfig(map="map.obj", map_unit="km", expected=told)
     _write(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_scenario(visit)}")
     content = mesh_bytes(true.vertices / _KM, true.facets, ".obj", "the truth of visit.yaml, km")
     write_whole(folder / "truth.obj", lambda path: path.write_bytes(content))
@@ -237,7 +237,7 @@ def survey_figures(
         "covered": float(weights @ seen),
         "gravity_error": 1.0 / truth.gravity - 1.0,
         "gravity_deviation": uncertainty.gravity,
-        "pole_error_deg": float(np.hypot(*truth.pole_deg)),
+        "pole_error_deg": math.hypot(*truth.pole_deg),
         "pole_deviation_deg": float(np.degrees(uncertainty.pole)),
         "rate_error": 1.0 / truth.spin - 1.0,
         "rate_deviation": uncertainty.rate,

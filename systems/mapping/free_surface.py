@@ -53,7 +53,7 @@ def oriented(points: Vectors3, rays: Vectors3) -> Oriented:
 
     Points that are alone are left out. `rays` (K, 3) are the lidar's, in the frame of the points.
     """
-    gaps, near = KDTree(points).query(points, k=_NEIGHBOURS)
+    gaps, near = map(np.asarray, KDTree(points).query(points, k=_NEIGHBOURS))
     radii = gaps[:, -1]
     kept = radii < _ALONE * np.median(radii)
     near, radii = near[kept], radii[kept]
@@ -128,11 +128,11 @@ def _indicator(
 
 def _one_piece(inside: np.ndarray) -> np.ndarray:
     """The greatest piece of what is inside, with its voids filled."""
-    labels, count = scipy.ndimage.label(inside)
-    if count == 0:
+    labels = np.empty(inside.shape, dtype=np.int32)
+    if scipy.ndimage.label(inside, output=labels) == 0:
         return inside
     largest = 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
-    return scipy.ndimage.binary_fill_holes(labels == largest)
+    return np.asarray(scipy.ndimage.binary_fill_holes(labels == largest))
 
 
 def _reaches_edge(inside: np.ndarray) -> bool:

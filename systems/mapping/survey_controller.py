@@ -229,7 +229,7 @@ def _is_round(place: Vector3, velocity: Vector3, gm: float, radius: float) -> bo
     momentum = np.cross(place, velocity)
     shape = math.sqrt(max(0.0, 1.0 + 2.0 * energy * float(momentum @ momentum) / gm**2))
     low, high = (-0.5 * gm / energy * (1.0 + sign * shape) for sign in (-1.0, 1.0))
-    return low > _LOWEST * radius and high < _HIGHEST * radius
+    return bool(low > _LOWEST * radius and high < _HIGHEST * radius)
 
 
 def orbit_normal(up: Vector3, momentum: Vector3) -> Vector3:

@@ -143,8 +143,9 @@ def test_a_step_is_that_of_dense_normal_equations(case) -> None:
 
 def test_steps_find_the_ellipsoid(case) -> None:
     survey, returns = case
-    for _ in range(3):
-        weighting = Weighting(surface=0.5, roughness=0.3, free=True, slide=5.0)
+    weighting = Weighting(surface=0.5, roughness=0.3, free=True, slide=5.0)
+    survey, solution = improved(survey, returns, survey, EXPECTED, weighting)
+    for _ in range(2):
         survey, solution = improved(survey, returns, survey, EXPECTED, weighting)
     volume = trimesh.Trimesh(survey.vertices, survey.facets, process=False).volume
     # It began at 1.02 ** 3 of it, less what facets cut off.

@@ -1,0 +1,66 @@
+"""Relief that is alike from frame to frame: what it does to residuals, and what is forgotten."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from proxops.systems.navigation import ExpectedErrors, MapError
+from proxops.systems.navigation.estimate import BASE, Estimate
+from proxops.systems.navigation.relief import PATTERNS, forgotten, relief_rows
+from proxops.systems.shapes import Polyhedron
+
+
+def test_what_looks_like_an_error_of_the_pose_has_the_relief_s_covariance() -> None:
+    """Against the projection on the space of the rows by the pseudo-inverse."""
+    random = np.random.default_rng(3)
+    rows, points = random.normal(size=(60, PATTERNS)), random.uniform(0.0, 50.0, (60, 3))
+    found, anew = relief_rows(rows, points, 2.0, 15.0)
+    away = np.linalg.norm(points[:, None] - points, axis=2)
+    covariance = 4.0 * np.exp(-((away / 15.0) ** 2) / 2.0)
+    onto = rows @ np.linalg.pinv(rows)
+    np.testing.assert_allclose(found @ found.T, onto @ covariance @ onto, atol=1e-10)
+    assert anew == pytest.approx(np.trace(onto @ covariance) / PATTERNS)
+
+
+def test_many_rays_are_thinned_but_count() -> None:
+    """On a line, four times as many rays see the same stones: the same likeness, summed."""
+    places = np.linspace(0.0, 100.0, 800)
+    rows = np.stack([(places / 100.0) ** k for k in range(PATTERNS)], axis=1)
+    points = np.stack([places, 0.0 * places, 0.0 * places], axis=1)
+    many, _ = relief_rows(rows, points, 1.0, 20.0)
+    few, _ = relief_rows(rows[::4], points[::4], 1.0, 20.0)
+    # Their effect on the mean of the residuals.
+    assert many.mean(axis=0) @ many.mean(axis=0) == pytest.approx(
+        few.mean(axis=0) @ few.mean(axis=0), rel=0.05
+    )
+
+
+def test_fewer_rays_than_patterns() -> None:
+    random = np.random.default_rng(1)
+    found, _ = relief_rows(random.normal(size=(4, PATTERNS)), random.normal(size=(4, 3)), 1.0, 1.0)
+    assert found.shape == (4, PATTERNS) and not found[:, 4:].any()
+
+
+def test_after_a_long_way_nothing_is_remembered() -> None:
+    random = np.random.default_rng(2)
+    root = random.normal(size=(BASE + PATTERNS, BASE + PATTERNS))
+    before = Estimate(random.normal(size=BASE + PATTERNS), np.eye(3), root @ root.T)
+    here = forgotten(before, before, BASE, 30.0)
+    np.testing.assert_array_equal(here.covariance, before.covariance)
+    mean = before.mean.copy()
+    mean[:3] += [3e6, 0.0, 0.0]
+    far = forgotten(before._replace(mean=mean), before, BASE, 30.0)
+    np.testing.assert_allclose(far.covariance[BASE:, BASE:], np.eye(PATTERNS), atol=1e-12)
+    assert not far.covariance[:BASE, BASE:].any() and not far.mean[BASE:].any()
+    np.testing.assert_array_equal(far.covariance[:BASE, :BASE], before.covariance[:BASE, :BASE])
+
+
+def test_relief_takes_what_the_modes_leave_out() -> None:
+    ball = Polyhedron.from_trimesh(trimesh.creation.icosphere(3, 2.0), "m")
+    smooth = MapError(ball, 2.0, 0.7)
+    rough = smooth.with_relief(3.0, 0.1)
+    assert smooth.with_relief(0.0, 0.1) is smooth and smooth.rest > 0.0
+    assert rough.rest == 0.0 and rough.std == pytest.approx(np.hypot(2.0, 3.0))
+    assert rough.relief**2 == pytest.approx(9.0 + smooth.rest / 10.0)
+    assert rough.coefficients == smooth.modes + PATTERNS
+    assert ExpectedErrors().relief_rms_m == 0.0
