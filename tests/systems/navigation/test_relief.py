@@ -38,7 +38,8 @@ def test_many_rays_are_thinned_but_count() -> None:
 def test_fewer_rays_than_patterns() -> None:
     random = np.random.default_rng(1)
     found, _ = relief_rows(random.normal(size=(4, PATTERNS)), random.normal(size=(4, 3)), 1.0, 1.0)
-    assert found.shape == (4, PATTERNS) and not found[:, 4:].any()
+    assert found.shape == (4, PATTERNS)
+    assert not found[:, 4:].any()
 
 
 def test_after_a_long_way_nothing_is_remembered() -> None:
@@ -51,7 +52,8 @@ def test_after_a_long_way_nothing_is_remembered() -> None:
     mean[:3] += [3e6, 0.0, 0.0]
     far = forgotten(before._replace(mean=mean), before, BASE, 30.0)
     np.testing.assert_allclose(far.covariance[BASE:, BASE:], np.eye(PATTERNS), atol=1e-12)
-    assert not far.covariance[:BASE, BASE:].any() and not far.mean[BASE:].any()
+    assert not far.covariance[:BASE, BASE:].any()
+    assert not far.mean[BASE:].any()
     np.testing.assert_array_equal(far.covariance[:BASE, :BASE], before.covariance[:BASE, :BASE])
 
 
@@ -59,8 +61,10 @@ def test_relief_takes_what_the_modes_leave_out() -> None:
     ball = Polyhedron.from_trimesh(trimesh.creation.icosphere(3, 2.0), "m")
     smooth = MapError(ball, 2.0, 0.7)
     rough = smooth.with_relief(3.0, 0.1)
-    assert smooth.with_relief(0.0, 0.1) is smooth and smooth.rest > 0.0
-    assert rough.rest == 0.0 and rough.std == pytest.approx(np.hypot(2.0, 3.0))
+    assert smooth.with_relief(0.0, 0.1) is smooth
+    assert smooth.rest > 0.0
+    assert rough.rest == 0.0
+    assert rough.std == pytest.approx(np.hypot(2.0, 3.0))
     assert rough.relief**2 == pytest.approx(9.0 + smooth.rest / 10.0)
     assert rough.coefficients == smooth.modes + PATTERNS
     assert ExpectedErrors().relief_rms_m == 0.0

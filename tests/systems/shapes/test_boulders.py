@@ -15,7 +15,8 @@ BALL = Polyhedron.from_trimesh(trimesh.creation.icosphere(4, 500.0), "m")
 
 def test_as_many_are_wider_as_the_law_says() -> None:
     found = widths(100.0, 20.0, 2.65)
-    assert found.max() == 100.0 and found.min() >= 20.0
+    assert found.max() == 100.0
+    assert found.min() >= 20.0
     for width in (90.0, 50.0, 25.0):
         assert np.count_nonzero(found >= width) == int((width / 100.0) ** -2.65)
     assert widths(10.0, 20.0, 2.65).size == 0
