@@ -115,9 +115,15 @@ def other_forms(scenario: Scenario, body: Body, folder: Path) -> dict[str, dict[
         content = mesh_bytes(shape.vertices / 1e3, shape.facets, ".obj", f"{name}, km")
         write_whole(file, functools.partial(Path.write_bytes, data=content))
         meshes[name] = {"truth.mesh": str(file.resolve()), "truth.surface_rms_m": 0.0}
+    thirds = {"truth.surface_correlation_m": 0.023 * length}
+    relief = {
+        "navigation.expected.relief_rms_m": _RMS * length,
+        "navigation.expected.relief_correlation_m": _WIDTH * length,
+    }
+    fine = meshes | {"a surface in waves a third as long": thirds}
     return {
-        **meshes,
-        "a surface in waves a third as long": {"truth.surface_correlation_m": 0.023 * length},
+        **fine,
+        **{f"{name}, told as relief": changed | relief for name, changed in fine.items()},
         "a surface in waves three times as long": {"truth.surface_correlation_m": 0.21 * length},
         "lidar noise twice as large": {"truth.lidar.noise": 2.0},
         "a third of all frames lost": {"truth.lidar.frame_loss": 0.33},
