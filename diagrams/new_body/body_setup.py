@@ -23,6 +23,7 @@ from proxops.diagrams.scenario import (
     load_body,
 )
 from proxops.systems.rotation import TorqueFreeSpinConfig
+from proxops.systems.shapes import BouldersConfig
 
 
 def body_yaml(config: BodyConfig, remark: str) -> str:
@@ -116,7 +117,10 @@ def scenario_in_proportion(
             epsilon_magnitude_n=_scaled(given.hybrid.epsilon_magnitude_n, force),
             dead_band_n=_scaled(given.hybrid.dead_band_n, force),
         ),
-        truth=TruthConfig(surface_correlation_m=_scaled(given.truth.surface_correlation_m, length)),
+        truth=TruthConfig(
+            surface_correlation_m=_scaled(given.truth.surface_correlation_m, length),
+            boulders=BouldersConfig(narrowest_m=_scaled(given.truth.boulders.narrowest_m, length)),
+        ),
         transit=TransitConfig(
             cube_m=_scaled(given.transit.cube_m, length),
             min_distance_m=_scaled(given.transit.min_distance_m, length),

@@ -49,7 +49,7 @@ QUANTITIES = (
     Quantity(
         "truth.boulders.crater_index", bounds=HARMLESS, needs="truth.boulders.crater_widest_m"
     ),
-    Quantity("truth.boulders.narrowest_m", tunes="relief_correlation_m", bounds=HARMLESS),
+    Quantity("truth.boulders.narrowest_m", 0.0, "relief_correlation_m", HARMLESS),
     Quantity("truth.boulders.seed", bounds=HARMLESS),
     Quantity("truth.spin", 1.0, "spin", "acceleration_m_s2"),
     Quantity("truth.tumbles"),

@@ -90,8 +90,9 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
     boulders = dc.replace(
         BouldersConfig(), **_drawn(dispersions, "truth.boulders", BouldersConfig())
     )
-    errors.relief_rms_m, correlation = relief_of(boulders, body.shape)
-    errors.relief_correlation_m = correlation or usual.relief_correlation_m
+    relief = relief_of(boulders, body.shape)
+    if any(relief):
+        errors.relief_rms_m, errors.relief_correlation_m = relief
     # It is estimated in flight, so a generous value costs little.
     errors.attitude_deg = max(errors.attitude_deg, usual.attitude_deg)
     # A specific impulse that the scenario gives is told, too, because engines are known.

@@ -34,7 +34,7 @@ class BouldersConfig:
     crater_widest_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
     crater_index: float = number(2.0, at_least=0.5, at_most=6.0)
     # Narrower ones are left out.
-    narrowest_m: float = number(20.0, at_least=1e-3, at_most=FAR, unit="m")
+    narrowest_m: float = number(3e3, at_least=1e-3, at_most=FAR, unit="m")
     # Of the places.
     seed: int = number(0, at_least=0, at_most=2**53 - 1)
 

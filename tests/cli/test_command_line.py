@@ -171,7 +171,6 @@ def test_controllers_complete() -> None:
 @pytest.mark.parametrize(
     ("typed", "meant"),
     [
-        (["fly", "didymos"], "--set body=didymos"),
         (["fly", "after_survey"], "--set dispersions=after_survey"),
         (["evaluate", "mpc"], "--controllers"),
         (["evaluate", "mpc,zero"], "--controller mpc,zero"),

@@ -119,6 +119,8 @@ def test_numbers_of_before_survey() -> None:
         "lidar_bias_m": 10.0 / 3.0,
         "lidar_scale": 1e-4,
         "beam_width_rad": 1e-3,
+        "relief_rms_m": 0.0,
+        "relief_correlation_m": 3e3,
     }
     values = dc.asdict(found)
     # Of the lobes, +- 10 % move it by 5.9 km; a surface that is off by 110 m moves it by 80 m.
