@@ -42,6 +42,7 @@ from proxops.diagrams.scenario.spacecraft_model import (
 )
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
 from proxops.diagrams.scenario.sunlit import facets_of
+from proxops.diagrams.scenario.touchable import site_world
 from proxops.diagrams.scenario.transits import (
     Transit,
     UnflyableWorldError,
@@ -146,6 +147,7 @@ __all__ = [
     "scenario_remarks",
     "scenario_transit",
     "shipped_scenarios",
+    "site_world",
     "solids_of",
     "spin_axes",
     "turns_the_axes",
