@@ -1,9 +1,18 @@
 """Touching a body: places that can be touched, the way down, and contact.
 
 Start with `map_sites`, which measures the places of a map, and `use_of_limits`, which says which of
-them can be touched.
+them can be touched. `make_contact_plant` is the spacecraft with its arm on the ground, in Drake's
+MultibodyPlant.
 """
 
+from proxops.systems.touch.contact_plant import (
+    Arm,
+    Ground,
+    TouchCraft,
+    make_contact_plant,
+    patch_of,
+    place_craft,
+)
 from proxops.systems.touch.sites import (
     LIMITS,
     SiteLimits,
@@ -21,14 +30,20 @@ from proxops.systems.touch.sites import (
 
 __all__ = [
     "LIMITS",
+    "Arm",
+    "Ground",
     "SiteLimits",
     "SiteWorld",
     "Sites",
+    "TouchCraft",
     "best_sites",
+    "make_contact_plant",
     "map_sites",
     "measured_sites",
     "nearest_site",
+    "patch_of",
     "place_below",
+    "place_craft",
     "place_near",
     "use_of_limits",
     "why_not",
