@@ -2,7 +2,7 @@
 
 Start with `map_sites`, which measures the places of a map, and `use_of_limits`, which says which of
 them can be touched. `make_contact_plant` is the spacecraft with its arm on the ground, in Drake's
-MultibodyPlant.
+MultibodyPlant. `DescentGuidance` leads down to a place.
 """
 
 from proxops.systems.touch.contact_plant import (
@@ -13,6 +13,7 @@ from proxops.systems.touch.contact_plant import (
     patch_of,
     place_craft,
 )
+from proxops.systems.touch.descent import DescentConfig, DescentGuidance, DescentPhase, Site
 from proxops.systems.touch.sites import (
     LIMITS,
     SiteLimits,
@@ -31,7 +32,11 @@ from proxops.systems.touch.sites import (
 __all__ = [
     "LIMITS",
     "Arm",
+    "DescentConfig",
+    "DescentGuidance",
+    "DescentPhase",
     "Ground",
+    "Site",
     "SiteLimits",
     "SiteWorld",
     "Sites",

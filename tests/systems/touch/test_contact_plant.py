@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 import trimesh
+from even_field import EvenField
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram
 from scipy.integrate import solve_ivp
 
 from proxops.diagrams.scenario import load_body
-from proxops.systems.gravity import Gravity
 from proxops.systems.rotation import Spin
 from proxops.systems.shapes import Surface
 from proxops.systems.touch.contact_plant import (
@@ -24,18 +24,6 @@ from proxops.systems.vehicle.rigid_spacecraft import RigidBodyStart, RigidSpacec
 
 UPRIGHT, STILL = (1.0, 0.0, 0.0, 0.0), np.zeros(3)
 DOWN = np.array([0.0, 0.0, -1.0])
-
-
-class Even:
-    """The same gravity everywhere."""
-
-    def __init__(self, acceleration=(0.0, 0.0, 0.0)):
-        self.acceleration = np.array(acceleration)
-
-    def evaluate(self, points):
-        count = len(points)
-        pull = np.broadcast_to(self.acceleration, (count, 3))
-        return Gravity(np.zeros(count), pull, np.zeros((count, 3, 3)), np.zeros(count, bool))
 
 
 def flat() -> Surface:
@@ -71,7 +59,7 @@ def rows(diagram: Diagram, simulator: Simulator, until: float, *ports: str) -> l
 def test_a_mass_on_a_damped_spring(damping: float) -> None:
     """The bus, of 1,000 kg, on the arm, while the light head stays on hard ground."""
     stiff = Ground(modulus=1e7)
-    diagram = make_contact_plant(flat(), Even(), 0.0, craft(damping=damping), stiff)
+    diagram = make_contact_plant(flat(), EvenField(), 0.0, craft(damping=damping), stiff)
     simulator, _ = started(diagram, [0, 0, 3.16, 0, 0, -0.1])
     state, arm, force = rows(diagram, simulator, 4.0, "state", "arm", "contact_force")
     spring = solve_ivp(
@@ -101,7 +89,7 @@ def test_a_mass_on_a_damped_spring(damping: float) -> None:
 def test_half_the_step() -> None:
     found = []
     for step in (0.02, 0.01):
-        diagram = make_contact_plant(flat(), Even([0, 0, -5e-5]), 0.0, craft(), step=step)
+        diagram = make_contact_plant(flat(), EvenField([0, 0, -5e-5]), 0.0, craft(), step=step)
         simulator, _ = started(diagram, [0, 0, 3.18, 0.01, 0, -0.1])
         state, arm = rows(diagram, simulator, 4.0, "state", "arm")
         found.append([arm[:, 0].max(), *state[-1, 3:]])
@@ -115,7 +103,7 @@ def test_a_sphere_on_a_ramp(tilt: float, rolls: bool) -> None:
     arm = Arm(STILL, DOWN, head_mass=1.0, head_radius=radius, stiffness=2e3, damping=200.0)
     ball = TouchCraft(mass, inertia * np.eye(3), arm)
     angle = np.radians(tilt)
-    field = Even([pull * np.sin(angle), 0.0, -pull * np.cos(angle)])
+    field = EvenField([pull * np.sin(angle), 0.0, -pull * np.cos(angle)])
     ground = Ground(friction=friction, modulus=1e5)
     diagram = make_contact_plant(flat(), field, 0.0, ball, ground)
     simulator, context = started(diagram, [0, 0, radius - 1e-4, 0, 0, 0])
@@ -140,7 +128,7 @@ def test_a_sphere_on_a_ramp(tilt: float, rolls: bool) -> None:
 
 def test_parts_that_touch_are_named() -> None:
     """The bus comes down beside its arm, turned over."""
-    diagram = make_contact_plant(flat(), Even(), 0.0, craft())
+    diagram = make_contact_plant(flat(), EvenField(), 0.0, craft())
     simulator, context = started(diagram, [0, 0, 1.2, 0, 0, -0.1])
     place_craft(
         diagram, context, np.array([0, 0, 1.2, 0, 0, -0.1]), (0.0, 1.0, 0.0, 0.0), STILL, 0.0
