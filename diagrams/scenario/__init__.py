@@ -42,7 +42,7 @@ from proxops.diagrams.scenario.spacecraft_model import (
 )
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
 from proxops.diagrams.scenario.sunlit import facets_of
-from proxops.diagrams.scenario.touchable import site_world
+from proxops.diagrams.scenario.touchable import site_world, touch_craft
 from proxops.diagrams.scenario.transits import (
     Transit,
     UnflyableWorldError,
@@ -150,6 +150,7 @@ __all__ = [
     "site_world",
     "solids_of",
     "spin_axes",
+    "touch_craft",
     "turns_the_axes",
     "uncertainty_set",
     "with_ends",

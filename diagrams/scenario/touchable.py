@@ -1,4 +1,4 @@
-"""What the places of a scenario's body are measured in, by which it is decided where to touch."""
+"""What touching takes of a scenario: the world of its places, and a spacecraft with an arm."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import numpy as np
 
 from proxops.diagrams.scenario.body import Body, apparent_gravity
 from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.spacecraft_model import SpacecraftModel
+from proxops.diagrams.scenario.spacecraft_solids import solids_of
 from proxops.systems.common import Vectors3, rotation_matrix
-from proxops.systems.touch import SiteWorld
+from proxops.systems.touch import Arm, SiteWorld, TouchCraft
 from proxops.systems.vehicle import sun_direction
 
 # Times in a turn of the body at which it is looked where the Sun is.
@@ -35,3 +37,17 @@ def site_world(scenario: Scenario, body: Body) -> SiteWorld:
             ]
         )
     return SiteWorld(acceleration, scenario.spacecraft.mass_kg, suns)
+
+
+def touch_craft(model: SpacecraftModel, arm: Arm) -> TouchCraft:
+    """A rigid spacecraft with an arm, whose solids may touch the ground.
+
+    Args:
+      model: mass and inertia, arm included, and solids. Each stands for the box about it along S's
+        axes. arm: where it is, and how it gives way.
+    """
+    parts = {}
+    for k, solid in enumerate(solids_of(model)):
+        low, high = solid.corners.min(axis=0), solid.corners.max(axis=0)
+        parts[f"solid {k}"] = (0.5 * (low + high), high - low)
+    return TouchCraft(model.mass, model.inertia, arm, parts)

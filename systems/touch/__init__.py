@@ -2,9 +2,11 @@
 
 Start with `map_sites`, which measures the places of a map, and `use_of_limits`, which says which of
 them can be touched. `make_contact_plant` is the spacecraft with its arm on the ground, in Drake's
-MultibodyPlant. `DescentGuidance` leads down to a place.
+MultibodyPlant. `DescentGuidance` leads down to a place, and
+`fly_contact` flies the last metre, the touch and the way off.
 """
 
+from proxops.systems.touch.contact_phase import AwayConfig, Touch, fly_contact
 from proxops.systems.touch.contact_plant import (
     Arm,
     Ground,
@@ -32,6 +34,7 @@ from proxops.systems.touch.sites import (
 __all__ = [
     "LIMITS",
     "Arm",
+    "AwayConfig",
     "DescentConfig",
     "DescentGuidance",
     "DescentPhase",
@@ -40,8 +43,10 @@ __all__ = [
     "SiteLimits",
     "SiteWorld",
     "Sites",
+    "Touch",
     "TouchCraft",
     "best_sites",
+    "fly_contact",
     "make_contact_plant",
     "map_sites",
     "measured_sites",
