@@ -27,6 +27,8 @@ COMMANDS = {
     "limits.",
     "survey": "Survey a body that is known as an ellipsoid; write its map, body file and scenario.",
     "shape": "Examine a mesh, mend it, and set up its body for flights.",
+    "site": "List the places of a scenario's body that can be touched, the best first, and draw "
+    "them.",
     "train": "Train a policy to predict the MPC's force.",
     "train-lidar": "Train two networks that predict lidar frames, ours and the paper's; compare "
     "them with others.",

@@ -19,6 +19,7 @@ from proxops.diagrams.plots.hover_plot import plot_hover
 from proxops.diagrams.plots.navigation_plot import plot_navigation
 from proxops.diagrams.plots.plan_plot import plot_plan
 from proxops.diagrams.plots.shared_axes import frame_plane, length_unit
+from proxops.diagrams.plots.site_plot import plot_sites
 from proxops.diagrams.plots.surface_plots import plot_equilibria, plot_surface_maps
 from proxops.diagrams.plots.transit_picture import TransitPicture
 from proxops.diagrams.plots.truth_plot import plot_truth
@@ -41,6 +42,7 @@ __all__ = [
     "plot_path",
     "plot_plan",
     "plot_ranges",
+    "plot_sites",
     "plot_surface_maps",
     "plot_truth",
 ]

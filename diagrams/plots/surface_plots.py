@@ -109,7 +109,7 @@ def draw_surface(
     Returns:
       The facets that were drawn.
     """
-    right, up = (_unit(axis) for axis in VIEWS[view])
+    right, up = (axis_vector(axis) for axis in VIEWS[view])
     towards = np.cross(right, up)
     centres = shape.vertices[shape.facets].mean(axis=1)
     facing = np.flatnonzero(shape.normals @ towards > 0.0)
@@ -232,7 +232,7 @@ def draw_plane_cut(
     return filled
 
 
-def _unit(axis: str) -> np.ndarray:
+def axis_vector(axis: str) -> np.ndarray:
     """Gives the unit vector (3,) of an axis such as "+x" or "-y"."""
     vector = np.zeros(3)
     vector[AXES[axis[1]]] = -1.0 if axis[0] == "-" else 1.0

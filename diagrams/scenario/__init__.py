@@ -45,6 +45,7 @@ from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
 from proxops.diagrams.scenario.sunlit import facets_of
 from proxops.diagrams.scenario.survey_expectations import survey_errors
 from proxops.diagrams.scenario.tasks import SurveyConfig
+from proxops.diagrams.scenario.touchable import site_world, touch_craft
 from proxops.diagrams.scenario.transits import (
     Transit,
     UnflyableWorldError,
@@ -151,9 +152,11 @@ __all__ = [
     "scenario_remarks",
     "scenario_transit",
     "shipped_scenarios",
+    "site_world",
     "solids_of",
     "spin_axes",
     "survey_errors",
+    "touch_craft",
     "turns_the_axes",
     "uncertainty_set",
     "with_ends",

@@ -7,6 +7,7 @@ linearised motion (`condensed_motion`), the limits along the path (`path_limits`
 recorded flight and the policy's training data: they raise the version.
 """
 
+from proxops.systems.expert.condensing import Reference, condensed_motion
 from proxops.systems.expert.linearised_transit import KEEP_OUT_PRICE, SLACK_PRICE
 from proxops.systems.expert.model_predictive_controller import ModelPredictiveController, MpcConfig
 from proxops.systems.expert.plan import Horizon, Plan, PlanProgram, PlanReason, PlanStatus
@@ -28,7 +29,9 @@ __all__ = [
     "PlanProgram",
     "PlanReason",
     "PlanStatus",
+    "Reference",
     "TransitProgram",
     "WeightedCostConfig",
     "WeightedProgram",
+    "condensed_motion",
 ]

@@ -37,7 +37,7 @@ from pydrake.solvers import (
 )
 
 from proxops.systems.common import SolverFailure, State, States, Vector3, Vectors3
-from proxops.systems.expert.condensed_motion import Reference, condensed_motion
+from proxops.systems.expert.condensing import Reference, condensed_motion
 from proxops.systems.expert.initial_guess import initial_paths
 from proxops.systems.expert.path_limits import PathLimits, slack_of_limits
 from proxops.systems.expert.plan import Horizon, Plan, PlanStatus, empty_plan

@@ -80,6 +80,7 @@ from proxops.systems.vehicle.sunlight import (
     greatest_sunlight,
     light_acceleration,
     light_pressure,
+    sun_direction,
 )
 from proxops.systems.vehicle.thrusters import Thrusters
 from proxops.systems.vehicle.velocity_kicks import KicksConfig, VelocityKicks
@@ -137,6 +138,7 @@ __all__ = [
     "predicted_state",
     "rotating_frame_acceleration",
     "runge_kutta_step",
+    "sun_direction",
     "thrust_given",
     "unexplained_acceleration",
     "white_noise_at",

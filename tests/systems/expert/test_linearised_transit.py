@@ -17,7 +17,7 @@ from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import Gravity, Plan, TransitProgram
 from proxops.systems.common import SolverFailure, cross_matrix
 from proxops.systems.expert import linearised_transit
-from proxops.systems.expert.condensed_motion import Reference, condensed_motion
+from proxops.systems.expert.condensing import Reference, condensed_motion
 from proxops.systems.rotation import SteadySpin, TorqueFreeSpin
 from proxops.systems.shapes.ellipsoid import clearances
 
