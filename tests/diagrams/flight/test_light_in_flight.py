@@ -14,6 +14,7 @@ SETTINGS = {
 }
 
 
+@pytest.mark.slow
 def test_the_torque_of_light_reaches_the_spacecraft_and_is_found() -> None:
     """Of a light as strong as to be seen: nearer to the Sun than any spacecraft has been."""
     strong = SETTINGS | {"sunlight": {"direction": [0.6, 0.0, 0.8], "distance_au": 0.1}}
