@@ -1,6 +1,7 @@
 """Light turns a rigid spacecraft, and what is on board copes with it."""
 
 import numpy as np
+import pytest
 
 from proxops.diagrams.flight import fly, make_transit_diagram
 from proxops.diagrams.scenario import World, facets_of, load_scenario, load_spacecraft
