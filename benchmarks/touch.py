@@ -140,8 +140,8 @@ def main() -> None:
             diagram,
             guidance,
             craft,
-            (state, _wxyz(attitude), rate),
-            _wxyz(upright),
+            (state, attitude.as_quat(scalar_first=True), rate),
+            upright.as_quat(scalar_first=True),
             errors.bias,
         )
         if touch is None:
@@ -181,11 +181,6 @@ def main() -> None:
         print(f"| {name:31} | " + " | ".join(f"{x:.3g}" for x in figures) + " |")
     print(f"guidance {1e3 * np.median(times):.2f} ms a step, {1e3 * max(times[1:]):.2f} at most")
     print(f"{(time.process_time() - began) / asked.flights:.1f} s of processor a flight")
-
-
-def _wxyz(attitude: Rotation) -> tuple[float, float, float, float]:
-    x, y, z, w = attitude.as_quat().tolist()
-    return w, x, y, z
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import math
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dispersions import Dispersions
 from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
 from proxops.systems.mapping import Expected
 
 # Of what is not dispersed, so much is still expected: shares, rad, and shares of the size.
@@ -27,7 +28,7 @@ def survey_errors(scenario: Scenario, body: Body) -> Expected:
         return max(dispersions.rms(key) or 0.0, _LEAST.get(key, 0.0))
 
     usual = Expected()
-    gm, radius = body.gravity_field.mass * 6.6743e-11, float(body.shape.extents.max())
+    gm, radius = body.gravity_field.mass * GRAVITATIONAL_CONSTANT, float(body.shape.extents.max())
     times = dispersions.ends("truth.acceleration.correlation_time_s")
     turning = dispersions.ends("truth.attitude.correlation_time_s")
     return Expected(

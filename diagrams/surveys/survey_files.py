@@ -98,7 +98,7 @@ def body_of(made: NewMap, survey: Survey, name: str, craft_mass: float) -> Shape
     Raises:
       InputError: the map is not sound.
     """
-    gm, rate = float(survey.tail[21]), float(abs(survey.tail[5]))
+    gm, rate = survey.gm, abs(survey.rate)
     asked = Questions(
         mass_kg=gm / GRAVITATIONAL_CONSTANT, rotation_period_h=2.0 * np.pi / rate / 3600.0,
         craft_mass_kg=craft_mass,
@@ -129,7 +129,7 @@ def expected_entries(
     rough = float(max(1.5 * deviation, _LEAST["surface"] * size))
     # The centre of mass is the origin of B, and the map's centre is where density is uniform.
     trial = GravityField(body.shape, mass=body.config.mass_kg, contrast=0.1).centre_of_mass
-    sigma = uncertainty.acceleration / float(survey.tail[5]) ** 2
+    sigma = uncertainty.acceleration / survey.rate**2
     off = float(np.linalg.norm(made.centre[:2])) / 3.0
     contrast = 0.1 * float(np.hypot(off, sigma)) / max(float(np.linalg.norm(trial)), 1e-9)
     entries |= {

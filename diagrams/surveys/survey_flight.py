@@ -21,6 +21,7 @@ from proxops.diagrams.scenario import (
     survey_errors,
 )  # fmt: skip
 from proxops.systems.common import InputError, Progress, Vector3, generator, silent
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
 from proxops.systems.mapping import Around, Returns, SurveyController
 from proxops.systems.shapes import clearances
 
@@ -71,7 +72,8 @@ def around_of(scenario: Scenario, body: Body) -> Around:
         raise InputError("the scenario's task is no survey: set task: !Survey {}")
     if scenario.is_rigid:
         raise InputError("a survey flies a point: set spacecraft: !PointMass {}")
-    axes, gm = known_ellipsoid(scenario, body), body.gravity_field.mass * 6.6743e-11
+    axes = known_ellipsoid(scenario, body)
+    gm = body.gravity_field.mass * GRAVITATIONAL_CONSTANT
     errors = survey_errors(scenario, body)
     longest = float(axes.max()) * (1.0 + 3.0 * _ELLIPSOID)
     synchronous = np.cbrt(gm * (1.0 + 3.0 * errors.gravity) / body.spin_about_z**2)

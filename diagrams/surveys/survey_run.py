@@ -53,7 +53,7 @@ def run_survey(
         part_of(progress, 0.5, 0.9),
     )  # fmt: skip
     progress(0.9, "what is uncertain where")
-    uncertainty = map_uncertainty(found.survey, found.solution, found.returns, expected)
+    uncertainty = map_uncertainty(found.survey, found.solution, found.returns)
     times = {"flight_s": flown - started, "estimation_s": time.perf_counter() - flown}
     name = f"{body.config.name}, surveyed"
     return write_survey(folder, scenario, flight, found, uncertainty, name, times)

@@ -1,7 +1,5 @@
 """Compiled: the point of a mesh that is nearest to a point, among a few facets."""
 
-import math
-
 import numpy as np
 
 from proxops.systems.common import kernel
@@ -65,36 +63,3 @@ def nearest_of(points, candidates, vertices, facets, chosen, places):
                 least = square
                 chosen[k] = f
                 places[k, 0], places[k, 1], places[k, 2] = u, v, w
-
-
-@kernel(error_model="numpy")
-def pull_of(points, masses, places, pulls, gradients):
-    """Fills in the pull (N, 3) of M point masses at points, and its gradient (N, 3, 3).
-
-    Args:
-      points: (N, 3) in m. masses: (M,), GM of each in m^3/s^2. places: (M, 3) in m.
-      pulls, gradients: filled in, in m/s^2 and 1/s^2.
-    """
-    for n in range(points.shape[0]):
-        gx, gy, gz = 0.0, 0.0, 0.0
-        xx, yy, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0
-        for m in range(places.shape[0]):
-            x = points[n, 0] - places[m, 0]
-            y = points[n, 1] - places[m, 1]
-            z = points[n, 2] - places[m, 2]
-            inverse = 1.0 / (x * x + y * y + z * z)
-            near = masses[m] * inverse * math.sqrt(inverse)
-            gx -= near * x
-            gy -= near * y
-            gz -= near * z
-            steep = 3.0 * near * inverse
-            xx += steep * x * x - near
-            yy += steep * y * y - near
-            xy += steep * x * y
-            xz += steep * x * z
-            yz += steep * y * z
-        pulls[n, 0], pulls[n, 1], pulls[n, 2] = gx, gy, gz
-        gradients[n, 0, 0], gradients[n, 1, 1], gradients[n, 2, 2] = xx, yy, -xx - yy
-        gradients[n, 0, 1] = gradients[n, 1, 0] = xy
-        gradients[n, 0, 2] = gradients[n, 2, 0] = xz
-        gradients[n, 1, 2] = gradients[n, 2, 1] = yz

@@ -101,6 +101,16 @@ class Survey:
         return (self.pole * spins).as_matrix()
 
     @property
+    def gm(self) -> float:
+        """GM in m^3/s^2."""
+        return float(self.tail[GRAVITY][0])
+
+    @property
+    def rate(self) -> float:
+        """The spin rate in rad/s."""
+        return float(self.tail[RATE][0])
+
+    @property
     def pole(self) -> Rotation:
         """Turns z of N onto the spin axis."""
         return Rotation.from_rotvec([*self.tail[POLE], 0.0])
@@ -284,9 +294,13 @@ def _outward(survey: Survey, free: bool) -> Vectors3:
 def _starts(survey: Survey, returns: Returns) -> np.ndarray:
     """Where the unknowns of each frame's path and attitude begin: (F, 2)."""
     path = 3 * survey.path.basis(returns.times).first
+    return np.stack([path, 3 * survey.path.size + 3 * _nodes(survey, returns)], axis=1)
+
+
+def _nodes(survey: Survey, returns: Returns) -> np.ndarray:
+    """The node (F,) of the attitude's error at or before each frame, but for the last."""
     node = np.searchsorted(survey.turn_times, returns.times, side="right") - 1
-    node = np.clip(node, 0, len(survey.turn_times) - 2)
-    return np.stack([path, 3 * survey.path.size + 3 * node], axis=1)
+    return np.clip(node, 0, len(survey.turn_times) - 2)
 
 
 def _rows(
@@ -301,7 +315,7 @@ def _rows(
     lever = returns.ranges[:, None] * np.cross(placed.along, normals)
     turn = np.einsum("kji,kj->ki", placed.attitudes[frames], lever)
     times = survey.turn_times
-    node = np.clip(np.searchsorted(times, returns.times, side="right") - 1, 0, len(times) - 2)
+    node = _nodes(survey, returns)
     share = ((returns.times - times[node]) / (times[node + 1] - times[node]))[frames, None]
     rows[:, spline : spline + 3] = (1.0 - share) * turn
     rows[:, spline + 3 : spline + 6] = share * turn
@@ -335,7 +349,7 @@ def add_motion(
     positions = survey.positions(times)
     inside = np.einsum("tji,tj->ti", bodies, positions)
     pull, gradient = MassPoints.of(survey.vertices, survey.facets).pull(inside)
-    gm = survey.tail[GRAVITY][0]
+    gm = survey.gm
     pull = np.einsum("tij,tj->ti", bodies, pull)
     gradient = gm * np.einsum("tij,tjk,tlk->til", bodies, gradient, bodies)
     spread = _thrust(survey, returns)
@@ -375,7 +389,7 @@ def _add_priors(
     """Adds what was known before: of the tail, and of how the attitude's error varies."""
     size, count = 3 * survey.path.size, len(right)
     hold = 1e-3 if weighting.hold else 1.0
-    rate, gm = abs(prior.tail[RATE][0]), prior.tail[GRAVITY][0]
+    rate, gm = abs(prior.rate), prior.gm
     sigma = np.r_[
         np.full(3, hold * expected.mounting), np.full(2, hold * expected.pole),
         hold * expected.rate * rate, expected.bias, expected.scale, expected.beam,

@@ -10,11 +10,11 @@ from proxops.systems.common import Values, one_thread
 from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.survey_fit import (
     ACCELERATION,
+    AFFINE,
     GRAVITY,
     POLE,
     RATE,
     TAIL,
-    Expected,
     Solution,
     Survey,
     matched,
@@ -54,9 +54,7 @@ class MapUncertainty(NamedTuple):
 
 
 @one_thread()
-def map_uncertainty(
-    survey: Survey, solution: Solution, returns: Returns, expected: Expected
-) -> MapUncertainty:
+def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> MapUncertainty:
     """Says what is uncertain of a map, by the covariance of the last step and its residuals.
 
     A map may be moved and turned as a whole: that is no error. What its facets are too coarse for
@@ -76,7 +74,7 @@ def map_uncertainty(
     size = float(np.ptp(vertices, axis=0).max())
     places = np.concatenate([np.ones((len(vertices), 1)), vertices / size], axis=1)
     affine = (places[:, :, None] * solution.outward[:, None]).reshape(-1, 12)
-    moving[:, tail + 9 : tail + 21] += affine
+    moving[:, tail:][:, AFFINE] += affine
     moving = _without_rigid(moving, vertices, solution.outward)
     values, vectors = np.linalg.eigh(0.5 * (solution.covariance + solution.covariance.T))
     table = moving @ (vectors * np.sqrt(np.maximum(values, 0.0)))
@@ -87,15 +85,15 @@ def map_uncertainty(
     places = survey.placed(returns).points
     match = matched(places, vertices, facets)
     counts = np.bincount(facets[match.facets].ravel(), match.places.ravel(), len(vertices))
-    coarse = _coarseness(match, counts, facets, solution, expected)
+    coarse = _coarseness(match, counts, facets, solution)
     spread = np.sqrt(_DOUBT**2 * own + coarse**2)
     deviations = np.sqrt(spread**2 + np.einsum("vm,vm->v", table, table))
     edges = np.linalg.norm(vertices[facets] - vertices[np.roll(facets, -1, axis=1)], axis=2)
     sigma = np.sqrt(np.diag(solution.covariance)[tail:])
     return MapUncertainty(
         deviations, table, float(np.median(spread) ** 2), float(np.mean(edges)), counts,
-        float(sigma[GRAVITY][0] / survey.tail[GRAVITY][0]), float(sigma[POLE].max()),
-        float(sigma[RATE][0] / abs(survey.tail[RATE][0])), float(sigma[ACCELERATION].max()),
+        float(sigma[GRAVITY][0] / survey.gm), float(sigma[POLE].max()),
+        float(sigma[RATE][0] / abs(survey.rate)), float(sigma[ACCELERATION].max()),
     )  # fmt: skip
 
 
@@ -107,7 +105,7 @@ def _without_rigid(heights: np.ndarray, vertices: np.ndarray, normals: np.ndarra
     return heights - rigid @ fit
 
 
-def _coarseness(match, counts, facets, solution: Solution, expected: Expected) -> Values:
+def _coarseness(match, counts, facets, solution: Solution) -> Values:
     """Standard deviation (V,) in m of what the facets about each vertex do not follow."""
     squares = solution.residuals**2
     noise = solution.deviations**2
