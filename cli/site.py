@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import typing
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,44 +20,12 @@ from proxops.cli.common import (
     print_rows,
     status,
 )
-from proxops.diagrams.scenario import Body, Scenario, load_body, load_scenario, site_world
-from proxops.systems.common import (
-    InputError,
-    Vector3,
-    check_limits,
-    make_folder,
-    write_json,
-    write_whole,
-)
-from proxops.systems.touch import (
-    LIMITS,
-    SiteLimits,
-    Sites,
-    SiteWorld,
-    best_sites,
-    map_sites,
-    measured_sites,
-    nearest_site,
-    place_below,
-    place_near,
-    use_of_limits,
-    why_not,
-)
+from proxops.diagrams.scenario import TouchMap, load_body, load_scenario, place_of, touch_map
+from proxops.systems.common import check_limits, make_folder, write_json, write_whole
+from proxops.systems.touch import SiteLimits, Sites, best_sites
 
-# How far off the map a position may be, in radii of the disc; and the least distance of two places
-# of the list, over the body's greatest extent.
-_OFF, _APART = 1.0, 0.05
-
-
-class _Survey(typing.NamedTuple):
-    """A map's places, as they were measured."""
-
-    body: Body
-    world: SiteWorld
-    thrust: float
-    limits: SiteLimits
-    sites: Sites
-    use: np.ndarray
+# Least distance of two places of the list, over the body's greatest extent.
+_APART = 0.05
 
 
 def site_command(
@@ -114,90 +81,37 @@ def site_command(
         length_m=length,
     )
     check_limits(limits, "proxops site")
-    survey = _surveyed(load_scenario(scenario, changes or []), limits)
+    wanted = load_scenario(scenario, changes or [])
+    body = load_body(wanted.body)
     if at is not None:
-        place, use = _asked(survey, at)
-        found, best = _rows(place, use), None
-    else:
-        extent = float(survey.body.shape.extents.max())
-        best = best_sites(survey.sites, survey.use, count, max(_APART * extent, 2.0 * radius))
-        found = _rows(survey.sites.taken(best), survey.use[best])
+        rows = _rows(*place_of(wanted, body, limits, _numbers(at), f"--at {at}"))
+        if as_json:
+            print(json.dumps(rows, indent=2))
+        else:
+            print_rows(f"{body.config.name}: can be touched there", list(_named(rows[0])))
+        return
+    measured = touch_map(wanted, body, limits)
+    extent = float(body.shape.extents.max())
+    best = best_sites(measured.sites, measured.use, count, max(_APART * extent, 2.0 * radius))
+    found = _rows(measured.sites.taken(best), measured.use[best])
     if as_json:
         print(json.dumps(found, indent=2))
-    elif best is None:
-        print_rows(f"{survey.body.config.name}: can be touched there", list(_named(found[0])))
     else:
-        _print_table(survey, found)
-    if best is None:
-        return
+        _print_table(measured, found)
     make_folder(out)
     write_json(out / "sites.json", found)
-    worst = survey.use.max(axis=1)
-    figure = plot_sites(survey.body.shape, survey.sites, worst, best, survey.body.config.name)
+    worst = measured.use.max(axis=1)
+    figure = plot_sites(body.shape, measured.sites, worst, best, body.config.name)
     write_whole(out / "sites.png", lambda path: figure.savefig(path, dpi=120, format="png"))
     status.print(f"Wrote {out / 'sites.png'} and {out / 'sites.json'}")
 
 
-def _surveyed(scenario: Scenario, limits: SiteLimits) -> _Survey:
-    """Measures all places.
-
-    Raises:
-      InputError: none can be touched; the message says what most of them lack.
-    """
-    body, thrust = load_body(scenario.body), scenario.spacecraft.thrust_limit_n
-    world = site_world(scenario, body)
-    sites, _ = map_sites(body.shape, limits, world)
-    use = use_of_limits(sites, limits, thrust)
-    if (use.max(axis=1) > 1.0).all():
-        lacking = LIMITS[int((use > 1.0).sum(axis=0).argmax())]
-        near = int(use.max(axis=1).argmin())
-        why = "; ".join(why_not(sites, use, near, limits, thrust))
-        raise InputError(
-            f"no place of {body.config.name} can be touched, most for their {lacking}. The best is "
-            f"{_place_text(sites, near)}, but {why}"
-        )
-    return _Survey(body, world, thrust, limits, sites, use)
-
-
-def _asked(survey: _Survey, at: str) -> tuple[Sites, np.ndarray]:
-    """One place and its use of the limits.
-
-    Raises:
-      InputError: it is off the map, or cannot be touched; the message gives the nearest that can.
-    """
-    shape, limits = survey.body.shape, survey.limits
+def _numbers(at: str) -> list[float]:
+    """The numbers of --at; none if it has others."""
     try:
-        numbers = [float(part) for part in at.split(",")]
+        return [float(part) for part in at.split(",")]
     except ValueError:
-        numbers = []
-    if len(numbers) not in (2, 3) or not np.isfinite(numbers).all():
-        raise InputError(f"--at {at}: give LAT,LON in degrees or X,Y,Z in m, such as 55,40")
-    if len(numbers) == 2:
-        point, facet = place_below(shape, *numbers)
-    else:
-        position = np.array(numbers)
-        try:
-            point, facet = place_near(shape, position, _OFF * limits.radius_m)
-        except InputError as error:
-            raise InputError(f"--at {at}: {error}; {_nearest_text(survey, position)}") from error
-    place = measured_sites(shape, point[None], shape.normals[facet][None], limits, survey.world)
-    use = use_of_limits(place, limits, survey.thrust)
-    lacking = why_not(place, use, 0, limits, survey.thrust)
-    if lacking:
-        raise InputError(
-            f"--at {at} cannot be touched: {'; '.join(lacking)}; {_nearest_text(survey, point)}"
-        )
-    return place, use
-
-
-def _nearest_text(survey: _Survey, position: Vector3) -> str:
-    near = nearest_site(survey.sites, survey.use, position)
-    assert near is not None
-    return f"the nearest place that can be is {_place_text(survey.sites, near)}"
-
-
-def _place_text(sites: Sites, k: int) -> str:
-    return f"{sites.latitudes[k]:.2f},{sites.longitudes[k]:.2f}"
+        return []
 
 
 def _rows(sites: Sites, use: np.ndarray) -> list[dict[str, Any]]:
@@ -230,9 +144,9 @@ def _named(row: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "used", f"{100.0 * row['greatest_share_of_a_limit']:.0f} %"
 
 
-def _print_table(survey: _Survey, rows: list[dict[str, Any]]) -> None:
-    share = float((survey.use.max(axis=1) <= 1.0).mean())
-    title = f"{survey.body.config.name}: {100.0 * share:.0f} % of the places can be touched"
+def _print_table(measured: TouchMap, rows: list[dict[str, Any]]) -> None:
+    share = float((measured.use.max(axis=1) <= 1.0).mean())
+    title = f"{measured.body.config.name}: {100.0 * share:.0f} % of the places can be touched"
     table = Table(title=title, title_justify="left")
     table.add_column("", justify="right")
     for name, _ in _named(rows[0]):

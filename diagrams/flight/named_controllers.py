@@ -22,7 +22,8 @@ from proxops.diagrams.flight.scenario_systems import (
     make_proportional_derivative,
     make_zero,
 )
-from proxops.diagrams.scenario import Body, Scenario
+from proxops.diagrams.flight.touching import make_touch_controller
+from proxops.diagrams.scenario import Body, Scenario, TouchAndGoConfig
 from proxops.systems.common import InputError, file_sha256
 
 WITH_BUNDLE = ("policy", "hybrid", "pd", "mpc")
@@ -47,8 +48,14 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     Raises:
       InputError: the name is unknown, no policy fits, or the factory cannot be imported or fails.
     """
+    touches = isinstance(scenario.task, TouchAndGoConfig)
     if name == "mpc":
-        return make_mpc(scenario, body)
+        return make_touch_controller(scenario, body) if touches else make_mpc(scenario, body)
+    if touches and (name in ("pd", "zero") or bundle_of(name, scenario) is not None):
+        raise InputError(
+            f"controller {name!r} flies transits: a touch-and-go is flown by mpc, whose mission "
+            "and program are its own, or by MODULE:FACTORY"
+        )
     if name == "pd":
         return make_proportional_derivative(scenario)
     if name == "zero":

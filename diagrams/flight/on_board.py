@@ -22,7 +22,7 @@ from proxops.systems.common import check_port_size, force_port, offers_of
 STATE_PORTS = ("state", "position", "velocity")
 """Ports of a controller that tell it its own motion."""
 # Input ports of a controller that may remain unconnected.
-_OPTIONAL_PORTS = {"enable", "covariance"}
+_OPTIONAL_PORTS = {"enable", "covariance", "failed"}
 
 
 def add_on_board(

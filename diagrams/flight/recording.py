@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
+from proxops.diagrams.flight.touching import TouchMotion, touch_figures
 from proxops.diagrams.flight.world import has_thruster_errors
 from proxops.diagrams.logs import (
     CONTROLLER_COLUMNS,
@@ -111,6 +112,8 @@ class Flown:
     """Name of the controller in the log."""
     frames: KeptFrames | None
     """None: the log has no frames."""
+    motion: TouchMotion | None = None
+    """That of a touch-and-go."""
 
     def value(self, system: str, port: str) -> np.ndarray:
         """Gives the value of a subsystem's output port now."""
@@ -230,6 +233,8 @@ def _attributes(flown: Flown, wall_time: float) -> dict[str, Any]:
         "keep_out_violations": int(outcome[VIOLATIONS]),
         "wall_s": wall_time,
     }
+    if flown.motion is not None:
+        attributes |= touch_figures(flown.motion, flown.world)
     lidar = flown.diagram.GetSubsystemByName("lidar")
     if isinstance(lidar, LearnedLidar):
         attributes["lidar_sha256"] = lidar.bundle.sha256

@@ -12,6 +12,7 @@ from pydrake.systems.framework import Context, Diagram, EventStatus, System
 
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.recording import Flown, KeptFrames, make_log
+from proxops.diagrams.flight.touching import TouchMotion
 from proxops.diagrams.flight.transit_diagram import diagram_of
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import PLAYBACK_SPEED, add_flight
@@ -19,6 +20,7 @@ from proxops.diagrams.scenario import (
     Body,
     RigidBodyConfig,
     Scenario,
+    TouchAndGoConfig,
     TrueBody,
     World,
 )
@@ -90,13 +92,19 @@ def fly_world(
             simulator.set_target_realtime_rate(PLAYBACK_SPEED)  # A person can follow it.
         latest = scenario.arrival.deadline_s + scenario.arrival.dwell_s
         frames = KeptFrames(diagram, scenario.control_period_s) if scenario.log_ranges else None
-        _watch(simulator, frames, progress, latest)
+        touches = isinstance(scenario.task, TouchAndGoConfig)
+        motion = TouchMotion(world, diagram) if touches else None
+        _watch(simulator, frames, progress, latest, motion)
         started = time.perf_counter()
         simulator.AdvanceTo(latest)
         context = simulator.get_context()
+        while motion is not None and motion.near(context) and context.get_time() < latest:
+            motion.fly(simulator, latest)
+            simulator.AdvanceTo(latest)
+        context = simulator.get_context()
         if frames is not None:
             frames.keep_end(context)
-        flown = Flown(diagram, context, world, controller, name, frames)
+        flown = Flown(diagram, context, world, controller, name, frames, motion)
         log = make_log(flown, time.perf_counter() - started)
         if meshcat is not None:
             add_flight(meshcat, log)  # The replay.
@@ -108,16 +116,25 @@ def fly_world(
 
 
 def _watch(
-    simulator: Simulator, frames: KeptFrames | None, progress: Progress, latest: float
+    simulator: Simulator,
+    frames: KeptFrames | None,
+    progress: Progress,
+    latest: float,
+    motion: TouchMotion | None = None,
 ) -> None:
-    """Has the simulator keep frames and report the share of `latest`, in s, at every step."""
-    if frames is None and progress is silent:
+    """Has the simulator keep frames and report the share of `latest`, in s, at every step.
+
+    With a `TouchMotion` it stops where the ground is near.
+    """
+    if frames is None and progress is silent and motion is None:
         return
 
     def monitor(context: Context) -> EventStatus:
         if frames is not None:
             frames.keep(context)
         progress(context.get_time() / latest, f"{context.get_time():.0f} s")
+        if motion is not None and motion.near(context):
+            return EventStatus.ReachedTermination(motion.spacecraft, "the ground is near")
         return EventStatus.DidNothing()
 
     monitor(simulator.get_context())  # The start.

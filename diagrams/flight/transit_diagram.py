@@ -17,7 +17,8 @@ from pydrake.systems.primitives import VectorLogSink, ZeroOrderHold
 
 from proxops.diagrams.flight.on_board import STATE_PORTS, add_on_board
 from proxops.diagrams.flight.rigid_body import add_actuation, add_attitude_sensors
-from proxops.diagrams.flight.scenario_systems import make_mpc
+from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.touching import add_touch
 from proxops.diagrams.flight.wiring import Signals, Wiring
 from proxops.diagrams.flight.world import (
     add_accelerations,
@@ -31,7 +32,7 @@ from proxops.diagrams.flight.world import (
     without_moons,
 )
 from proxops.diagrams.meshcat import LiveView, RigidView, Scene, prepare_live_view
-from proxops.diagrams.scenario import Body, Scenario, TrueBody, World
+from proxops.diagrams.scenario import Body, Scenario, TouchAndGoConfig, TrueBody, World
 from proxops.systems import DelayedHold, InputError, PlanarLidar, RigidSpacecraft
 from proxops.systems.common import offers_of
 
@@ -158,7 +159,7 @@ def diagram_of(
     """Wires all systems that the flight of a world needs: see `make_transit_diagram`."""
     wiring, scenario = Wiring(DiagramBuilder(), world), world.scenario
     if controller is None:
-        controller = make_mpc(world.belief, world.body)
+        controller = named_controller("mpc", world.belief, world.body)
     if not isinstance(controller, System):
         raise InputError(
             f"the controller is a {type(controller).__name__}, not a System; "
@@ -169,8 +170,11 @@ def diagram_of(
     add_accelerations(wiring, craft)
     attitude = add_attitude(wiring, craft)
     lidar = add_lidar(wiring, craft.GetOutputPort("position"), attitude)
+    touches = isinstance(scenario.task, TouchAndGoConfig)
     goal = np.concatenate([world.transit.goal, np.zeros(3)])
     target = wiring.add("target", _Target(goal)).get_output_port()
+    if touches and controller.HasOutputPort("target"):
+        target = controller.GetOutputPort("target")  # It goes from phase to phase.
     wiring.logged["target"] = target
     hold = wiring.add("hold", _make_hold(period, delay))
     command_hold = hold
@@ -181,6 +185,7 @@ def diagram_of(
         "target": target,
         "ranges": received(wiring, lidar),
         "commanded_force": command_hold.GetOutputPort("y"),
+        **(add_touch(wiring) if touches else {}),
     }
     sensed: Signals = {}
     if isinstance(craft, RigidSpacecraft):
@@ -195,6 +200,9 @@ def diagram_of(
     if isinstance(craft, RigidSpacecraft):
         acting = hold.GetOutputPort("y") if delay > 0.0 else wiring.logged["force"]
         add_actuation(wiring, craft, acting, {**sensed, "position": known["position"]})
+        if controller.HasInputPort("failed"):
+            failed = wiring.logged["failed_thrusters"]
+            wiring.builder.Connect(failed, controller.GetInputPort("failed"))
     add_monitor(wiring, true["state"], target)
     # The lidar has no sink: see `KeptFrames`. The column `force` is the force that the hold takes
     # over at this step and holds until the next.

@@ -14,6 +14,7 @@ from proxops.systems.expert import PlanReason, PlanStatus
 from proxops.systems.hybrid import DecisionReason
 from proxops.systems.navigation import NavigationPhase, ReturnUse
 from proxops.systems.policy import PolicyStatus
+from proxops.systems.touch import AbortReason, TouchPhase
 
 
 class Column(NamedTuple):
@@ -128,6 +129,19 @@ VARIABLES = {
             (), "1", "0 answered, 1 not finite: no force; NaN: not asked", PolicyStatus,
         ),
     }),
+    **_record("touch_record", {
+        "touch_phase": Column((), "1", "phase of a touch-and-go: see flag_meanings", TouchPhase),
+        "touch_abort": Column((), "1", "why a descent was broken off last", AbortReason),
+        "touch_tries": Column((), "1", "descents that were begun"),
+        "touch_stopping_height": Column(
+            (), "m", "least height over that of contact at which an abort now comes to rest",
+        ),
+    }),
+    **_record("contact_record", {
+        "contact_force": Column((), "N", "greatest force on the head in the attitude period before"),
+        "parts_force": Column((), "N", "greatest on anything but the head"),
+        "arm_stroke": Column((), "m", "how far the arm was pressed in at most"),
+    }),
     "estimate": Column(
         ("component",), _OF_A_STATE, "the policy's estimate of the state in K; NaN: none",
     ),
@@ -193,7 +207,7 @@ SIZES = {
 """Sizes of all dimensions but time and those of frames and meshes."""
 CONTROLLER_COLUMNS = {
     "mpc_force", "policy_force", "estimate", "decision",
-    "mpc_record", "policy_record", "decision_record",
+    "mpc_record", "policy_record", "decision_record", "touch_record",
 }  # fmt: skip
 """The controllers' ports that the log knows, by the names of their columns."""
 NAVIGATION_COLUMNS = [

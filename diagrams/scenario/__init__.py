@@ -44,8 +44,17 @@ from proxops.diagrams.scenario.spacecraft_model import (
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
 from proxops.diagrams.scenario.sunlit import facets_of
 from proxops.diagrams.scenario.survey_expectations import survey_errors
-from proxops.diagrams.scenario.tasks import SurveyConfig
-from proxops.diagrams.scenario.touchable import site_world, touch_craft
+from proxops.diagrams.scenario.tasks import SurveyConfig, TouchAndGoConfig
+from proxops.diagrams.scenario.touchable import (
+    TouchMap,
+    place_of,
+    site_world,
+    touch_arm,
+    touch_craft,
+    touch_map,
+    touch_site,
+    with_site,
+)
 from proxops.diagrams.scenario.transits import (
     Transit,
     UnflyableWorldError,
@@ -107,6 +116,8 @@ __all__ = [
     "Solid",
     "SpacecraftModel",
     "SurveyConfig",
+    "TouchAndGoConfig",
+    "TouchMap",
     "Transit",
     "TransitConfig",
     "TrueBody",
@@ -149,6 +160,7 @@ __all__ = [
     "of_transit",
     "parse_mapping",
     "parse_scenario",
+    "place_of",
     "scenario_remarks",
     "scenario_transit",
     "shipped_scenarios",
@@ -156,9 +168,13 @@ __all__ = [
     "solids_of",
     "spin_axes",
     "survey_errors",
+    "touch_arm",
     "touch_craft",
+    "touch_map",
+    "touch_site",
     "turns_the_axes",
     "uncertainty_set",
     "with_ends",
+    "with_site",
     "write_yaml",
 ]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
+
 from proxops.systems.common import FAR, config, number
+from proxops.systems.touch import AwayConfig, DescentConfig, SiteLimits, TouchChecks
 
 
 @config
@@ -29,3 +32,27 @@ class SurveyConfig:
     reach_m: float | None = number(None, at_least=1e-3, at_most=FAR, unit="m")
     # Time from one frame to the next, and from one command to the next.
     period_s: float = number(20.0, at_least=1e-2, at_most=3600.0, unit="s")
+
+
+@config
+class TouchAndGoConfig:
+    """Touch a place of the body, and come back.
+
+    The spacecraft is a rigid body, with an arm along -z of S. The flight begins near home, above
+    the place, and ends when it is at rest there again. `transit.start_m` may say where it begins.
+    """
+
+    # The place: latitude and longitude in degrees, or a position in m in K; null: the best place
+    # that `proxops site` finds. proxops writes the position of the place that is flown to.
+    site: list[float] | None = None
+    # What a place must be like.
+    limits: SiteLimits = dc.field(default_factory=SiteLimits)
+    descent: DescentConfig = dc.field(default_factory=DescentConfig)
+    checks: TouchChecks = dc.field(default_factory=TouchChecks)
+    away: AwayConfig = dc.field(default_factory=AwayConfig)
+    # Descents that are begun, if the ones before were aborted.
+    tries: int = number(2, at_least=1, at_most=100)
+    # How far aside of home it begins, to a side that is drawn from seed and number of the transit.
+    aside_m: float = number(15.0, at_least=0.0, at_most=1e5, unit="m")
+    # From the centre of mass to the far end of the arm's head.
+    arm_m: float = number(3.0, above=0.2, at_most=100.0, unit="m")

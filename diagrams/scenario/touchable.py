@@ -2,18 +2,181 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body, apparent_gravity
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.spacecraft_model import SpacecraftModel
+from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, SpacecraftModel
 from proxops.diagrams.scenario.spacecraft_solids import solids_of
-from proxops.systems.common import Vectors3, rotation_matrix
-from proxops.systems.touch import Arm, SiteWorld, TouchCraft
+from proxops.diagrams.scenario.tasks import TouchAndGoConfig
+from proxops.systems.attitude import AttitudeGuidanceConfig
+from proxops.systems.common import InputError, Vector3, Vectors3, generator, rotation_matrix
+from proxops.systems.touch import (
+    LIMITS,
+    Arm,
+    Site,
+    SiteLimits,
+    Sites,
+    SiteWorld,
+    TouchCraft,
+    best_sites,
+    map_sites,
+    measured_sites,
+    nearest_site,
+    place_below,
+    place_near,
+    use_of_limits,
+    why_not,
+)
 from proxops.systems.vehicle import sun_direction
 
 # Times in a turn of the body at which it is looked where the Sun is.
 _TIMES = 72
+# How far off the map a position may be, in radii of the disc.
+_OFF = 1.0
+# The arm's direction in S. It points at a place so deep, in m, that where the spacecraft is does
+# not turn it.
+_DOWN, _DEEP = (0.0, 0.0, -1.0), 1e6
+
+
+class TouchMap(NamedTuple):
+    """A map's places, as they were measured, and what they were measured for."""
+
+    body: Body
+    world: SiteWorld
+    thrust: float
+    """N: the limit along an axis."""
+    limits: SiteLimits
+    sites: Sites
+    use: np.ndarray
+    """(N, 6): `use_of_limits`."""
+
+
+def touch_map(scenario: Scenario, body: Body, limits: SiteLimits) -> TouchMap:
+    """Measures all places of a body.
+
+    Raises:
+      InputError: none can be touched; the message says what most of them lack.
+    """
+    thrust, world = scenario.spacecraft.thrust_limit_n, site_world(scenario, body)
+    sites, _ = map_sites(body.shape, limits, world)
+    use = use_of_limits(sites, limits, thrust)
+    if (use.max(axis=1) > 1.0).all():
+        lacking = LIMITS[int((use > 1.0).sum(axis=0).argmax())]
+        near = int(use.max(axis=1).argmin())
+        why = "; ".join(why_not(sites, use, near, limits, thrust))
+        raise InputError(
+            f"no place of {body.config.name} can be touched, most for their {lacking}. The best is "
+            f"{_place_text(sites, near)}, but {why}"
+        )
+    return TouchMap(body, world, thrust, limits, sites, use)
+
+
+def place_of(
+    scenario: Scenario, body: Body, limits: SiteLimits, at: Sequence[float], name: str
+) -> tuple[Sites, np.ndarray]:
+    """Measures one place: it and its use of the limits (1, 6).
+
+    Args:
+      scenario, body, limits: see `touch_map`.
+      at: latitude and longitude in degrees, or a position in m in K; the place is the map's point
+        there that is nearest.
+      name: of `at`, with which messages begin.
+
+    Raises:
+      InputError: it is off the map, or cannot be touched; the message gives the nearest that can.
+    """
+    if len(at) not in (2, 3) or not np.isfinite(at).all():
+        raise InputError(f"{name}: give LAT,LON in degrees or X,Y,Z in m, such as 55,40")
+    if len(at) == 2:
+        point, facet = place_below(body.shape, *at)
+    else:
+        position = np.array(at, dtype=float)
+        try:
+            point, facet = place_near(body.shape, position, _OFF * limits.radius_m)
+        except InputError as error:
+            near = _nearest_text(touch_map(scenario, body, limits), position)
+            raise InputError(f"{name}: {error}; {near}") from error
+    world, thrust = site_world(scenario, body), scenario.spacecraft.thrust_limit_n
+    place = measured_sites(body.shape, point[None], body.shape.normals[facet][None], limits, world)
+    use = use_of_limits(place, limits, thrust)
+    lacking = why_not(place, use, 0, limits, thrust)
+    if lacking:
+        near = _nearest_text(touch_map(scenario, body, limits), point)
+        raise InputError(f"{name} cannot be touched: {'; '.join(lacking)}; {near}")
+    return place, use
+
+
+def _nearest_text(found: TouchMap, position: Vector3) -> str:
+    near = nearest_site(found.sites, found.use, position)
+    assert near is not None
+    return f"the nearest place that can be is {_place_text(found.sites, near)}"
+
+
+def _place_text(sites: Sites, k: int) -> str:
+    return f"{sites.latitudes[k]:.2f},{sites.longitudes[k]:.2f}"
+
+
+def with_site(scenario: Scenario, body: Body) -> Scenario:
+    """The scenario of a touch-and-go with its site as a position, and pointed at it.
+
+    A site that is a position already stays as it is, so that a flight can be repeated bit for bit.
+
+    Raises:
+      InputError: the spacecraft is a point; or no place, or not this one, can be touched.
+    """
+    task, craft = scenario.task, scenario.spacecraft
+    assert isinstance(task, TouchAndGoConfig)
+    if not isinstance(craft, RigidBodyConfig):
+        raise InputError("a touch-and-go needs a spacecraft of some size: spacecraft: !RigidBody")
+    if task.site is None:
+        found = touch_map(scenario, body, task.limits)
+        best = int(best_sites(found.sites, found.use, 1, 1.0)[0])
+        task = dc.replace(task, site=found.sites.positions[best].tolist())
+    elif len(task.site) != 3:
+        place, _ = place_of(scenario, body, task.limits, task.site, "task.site")
+        task = dc.replace(task, site=place.positions[0].tolist())
+    made = dc.replace(scenario, task=task)
+    down = (np.array(task.site) - _DEEP * touch_site(made, body).normal).tolist()
+    pointing = AttitudeGuidanceConfig(mode="body", place_m=down, boresight=list(_DOWN))
+    made.spacecraft = dc.replace(craft, pointing=pointing)
+    return made
+
+
+def touch_site(scenario: Scenario, body: Body) -> Site:
+    """Where the centre of mass is at contact, and the normal there, of a scenario `with_site`.
+
+    Raises:
+      InputError: the site cannot be touched.
+    """
+    task = scenario.task
+    assert isinstance(task, TouchAndGoConfig)
+    assert task.site is not None
+    place, _ = place_of(scenario, body, task.limits, task.site, "task.site")
+    normal = place.normals[0]
+    return Site(np.array(task.site) + task.arm_m * normal, normal)
+
+
+def touch_ends(scenario: Scenario, body: Body) -> tuple[Vector3, Vector3]:
+    """Where a touch-and-go begins, (3,) in m in K, and home, where it ends."""
+    task, site = scenario.task, touch_site(scenario, body)
+    assert isinstance(task, TouchAndGoConfig)
+    home = site.position + task.descent.home_m * site.normal
+    if scenario.transit.start_m is not None:
+        return np.array(scenario.transit.start_m), home
+    random = generator(scenario.transit.seed, scenario.transit.index, 3)
+    side = np.cross(site.normal, random.standard_normal(3))
+    return home + task.aside_m * side / np.linalg.norm(side), home
+
+
+def touch_arm(task: TouchAndGoConfig) -> Arm:
+    """The arm of a touch-and-go."""
+    down = np.array(_DOWN)
+    return Arm((task.arm_m - Arm._field_defaults["head_radius"]) * down, down)
 
 
 def site_world(scenario: Scenario, body: Body) -> SiteWorld:

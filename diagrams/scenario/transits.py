@@ -9,6 +9,8 @@ import numpy as np
 
 from proxops.diagrams.scenario.body import Body, apparent_gravity, load_body
 from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.tasks import TouchAndGoConfig
+from proxops.diagrams.scenario.touchable import touch_ends
 from proxops.systems.common import InputError, Values, Vector3, Vectors3, generator
 from proxops.systems.gravity import moon_position
 from proxops.systems.shapes import blocks_segment, clearances
@@ -151,6 +153,8 @@ def _met_by_moons(scenario: Scenario, body: Body, ends: Vectors3) -> Iterator[st
 def scenario_transit(scenario: Scenario, body: Body) -> Transit:
     """Gives the transit of a scenario: its given start and goal, or one that is drawn.
 
+    That of a touch-and-go, whose site is a position, begins near home and leads there.
+
     Raises:
       UnflyableWorldError: hovering at the start or goal exceeds the thrust limit, with a mass that
         was drawn for this flight.
@@ -158,6 +162,9 @@ def scenario_transit(scenario: Scenario, body: Body) -> Transit:
         exceeds the thrust limit, or no transit was found (see `draw_transit`).
     """
     rules = scenario.transit
+    if isinstance(scenario.task, TouchAndGoConfig):
+        # Where it begins, within the keep-out ellipsoid, and home.
+        return Transit(rules.seed, rules.index, *touch_ends(scenario, body))
     velocity = np.array(rules.start_velocity_m_s or [0.0, 0.0, 0.0], dtype=np.float64)
     if rules.start_m is None or rules.goal_m is None:
         drawn = draw_transit(rules.seed, rules.index, scenario, body)

@@ -16,6 +16,8 @@ from proxops.diagrams.scenario.keys import set_value, value_at
 from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
+from proxops.diagrams.scenario.tasks import TouchAndGoConfig
+from proxops.diagrams.scenario.touchable import with_site
 from proxops.diagrams.scenario.transits import Transit, scenario_transit
 from proxops.diagrams.scenario.true_body import TrueBody, check_flyable, make_true_body
 from proxops.diagrams.scenario.tuning import expected_errors, filter_tuning
@@ -53,6 +55,8 @@ class World:
         """
         body = (body or load_body(scenario.body)).with_gravity(scenario.gravity)
         drawn = draw_world(scenario, body)
+        if isinstance(drawn.task, TouchAndGoConfig):
+            drawn = with_site(drawn, body)
         true_body = true_body or make_true_body(body, drawn.truth)
         transit = scenario_transit(drawn, body)
         check_flyable(true_body, transit, drawn)
@@ -132,7 +136,11 @@ def world_of(
     """
     scenario = dispersions.scenario
     transit, world = scenario.transit, copy.deepcopy(scenario)
-    if transit.start_m is None and not {*KNOWN_ON_THE_DAY}.isdisjoint(dispersions.keys):
+    if (
+        transit.start_m is None
+        and not isinstance(scenario.task, TouchAndGoConfig)
+        and not {*KNOWN_ON_THE_DAY}.isdisjoint(dispersions.keys)
+    ):
         # Another mass would permit other transits.
         ends = scenario_transit(scenario, dispersions.body)
         world.transit.start_m, world.transit.goal_m = ends.start.tolist(), ends.goal.tolist()

@@ -2,11 +2,10 @@
 
 Start with `map_sites`, which measures the places of a map, and `use_of_limits`, which says which of
 them can be touched. `make_contact_plant` is the spacecraft with its arm on the ground, in Drake's
-MultibodyPlant. `DescentGuidance` leads down to a place, and
-`fly_contact` flies the last metre, the touch and the way off.
+MultibodyPlant. `DescentGuidance` leads down to a place, `Mission` says when, and what is checked,
+and `TouchController` is both as a system.
 """
 
-from proxops.systems.touch.contact_phase import AwayConfig, Touch, fly_contact
 from proxops.systems.touch.contact_plant import (
     Arm,
     Ground,
@@ -15,7 +14,8 @@ from proxops.systems.touch.contact_plant import (
     patch_of,
     place_craft,
 )
-from proxops.systems.touch.descent import DescentConfig, DescentGuidance, DescentPhase, Site
+from proxops.systems.touch.descent import DescentConfig, DescentGuidance, Site, TouchPhase
+from proxops.systems.touch.mission import AbortReason, AwayConfig, Mission, TouchChecks
 from proxops.systems.touch.sites import (
     LIMITS,
     SiteLimits,
@@ -24,32 +24,37 @@ from proxops.systems.touch.sites import (
     best_sites,
     map_sites,
     measured_sites,
+    nearest_points,
     nearest_site,
     place_below,
     place_near,
     use_of_limits,
     why_not,
 )
+from proxops.systems.touch.touch_controller import TouchController
 
 __all__ = [
     "LIMITS",
+    "AbortReason",
     "Arm",
     "AwayConfig",
     "DescentConfig",
     "DescentGuidance",
-    "DescentPhase",
     "Ground",
+    "Mission",
     "Site",
     "SiteLimits",
     "SiteWorld",
     "Sites",
-    "Touch",
+    "TouchChecks",
+    "TouchController",
     "TouchCraft",
+    "TouchPhase",
     "best_sites",
-    "fly_contact",
     "make_contact_plant",
     "map_sites",
     "measured_sites",
+    "nearest_points",
     "nearest_site",
     "patch_of",
     "place_below",

@@ -13,6 +13,7 @@ force to the leg's end that takes the least effort::
                 -n.v <= speed + h / slowing                at each knot
 
 Below `DescentConfig.terminal_m` there is no plan: the velocity is held at the speed of contact.
+`mission` says which leg is flown, and what comes after the touch.
 """
 
 from __future__ import annotations
@@ -45,18 +46,23 @@ _BROKEN = 1e-6
 _SIDES = 8
 
 
-class DescentPhase(IntEnum):
-    """Where in a descent the spacecraft is."""
+class TouchPhase(IntEnum):
+    """Where in a touch-and-go the spacecraft is."""
 
     HOME = 0
-    """On the way to the checkpoint."""
+    """On the way home, or there."""
     CHECKPOINT = 1
-    """From there to the matchpoint."""
+    """On the way to the checkpoint."""
     MATCHPOINT = 2
+    """On the way to the matchpoint."""
+    GROUND = 3
     """From there to where the speed of contact is held."""
-    TERMINAL = 3
-    CONTACT = 4
-    AWAY = 5
+    TERMINAL = 4
+    """The speed of contact is held."""
+    CONTACT = 5
+    """The head has touched."""
+    AWAY = 6
+    """Away from the ground, after a touch or to abort."""
 
 
 @config
@@ -123,7 +129,7 @@ class DescentGuidance:
         # Of the controls, so that they are numbers of order one.
         weight = float(np.abs(self.apparent_gravity(site.position, 0.0)).max())
         self.unit = max(weight, descent.speed_m_s / descent.contact_s)
-        self._ends = np.cumsum([descent.checkpoint_s, descent.matchpoint_s, descent.contact_s])
+        self.ends = np.cumsum([descent.checkpoint_s, descent.matchpoint_s, descent.contact_s])
         self._limits = _corridor(site, descent)
         self._options = SolverOptions()
         self._options.SetOption(ClarabelSolver.id(), "presolve_enable", False)
@@ -137,42 +143,57 @@ class DescentGuidance:
     @property
     def duration(self) -> float:
         """Time in s from home to contact, as planned."""
-        return float(self._ends[-1])
+        return float(self.ends[-1])
 
     def height(self, state: State) -> float:
         """Height in m of a state (6,) over that of contact, along the normal."""
         return float((state[:3] - self.site.position) @ self.site.normal)
 
-    def phase(self, time: float, state: State) -> DescentPhase:
-        """The phase at a time in s since the start, and a state (6,), before contact."""
-        if self.height(state) < self.descent.terminal_m or time >= self._ends[-1]:
-            return DescentPhase.TERMINAL
-        return DescentPhase(int(np.searchsorted(self._ends, time, side="right")))
+    def leg(self, elapsed: float, state: State) -> TouchPhase:
+        """The leg at a time in s since the descent began, for a state (6,)."""
+        if self.height(state) < self.descent.terminal_m or elapsed >= self.ends[-1]:
+            return TouchPhase.TERMINAL
+        return TouchPhase(TouchPhase.CHECKPOINT + np.searchsorted(self.ends, elapsed, side="right"))
 
-    def target(self, phase: DescentPhase) -> State:
-        """The state (6,) in m and m/s at the end of a leg."""
+    def target(self, leg: TouchPhase) -> State:
+        """The state (6,) in m and m/s at the end of a leg, or at rest at home."""
         descent, normal = self.descent, self.site.normal
-        height = (descent.checkpoint_m, descent.matchpoint_m, 0.0)[phase]
-        return np.concatenate([self.site.position + height * normal, -descent.speed_m_s * normal])
+        if leg is TouchPhase.HOME:
+            return np.concatenate([self.home, np.zeros(3)])
+        heights = {
+            TouchPhase.CHECKPOINT: descent.checkpoint_m,
+            TouchPhase.MATCHPOINT: descent.matchpoint_m,
+        }
+        place = self.site.position + heights.get(leg, 0.0) * normal
+        return np.concatenate([place, -descent.speed_m_s * normal])
 
-    def force(self, time: float, state: State) -> Vector3:
-        """The force (3,) in N in K at a time in s since the start, for a state (6,) of K.
+    def force(self, elapsed: float, state: State, begun: float = 0.0) -> Vector3:
+        """The force (3,) in N in K on the way down.
+
+        Args:
+          elapsed: time in s since the descent began. state: (6,) in K.
+          begun: when it did, in s: `spin` is a function of time.
 
         Raises:
           SolverFailure: the solver fails.
         """
-        phase = self.phase(time, state)
-        if phase is DescentPhase.TERMINAL:
-            return self.terminal_force(time, state)
-        return self.plan(state, self.target(phase), self._ends[phase] - time, time)[0]
+        leg, time = self.leg(elapsed, state), begun + elapsed
+        if leg is TouchPhase.TERMINAL:
+            return self.steady_force(time, state, -self.descent.speed_m_s)
+        left = self.ends[leg - TouchPhase.CHECKPOINT] - elapsed
+        return self.plan(state, self.target(leg), left, time)[0]
 
-    def terminal_force(self, time: float, state: State) -> Vector3:
-        """The force (3,) in N that holds the speed of contact along the normal."""
-        wanted = -self.descent.speed_m_s * self.site.normal
+    def steady_force(self, time: float, state: State, speed: float) -> Vector3:
+        """The force (3,) in N that takes on a speed in m/s along the normal.
+
+        What exceeds the thrust limit is reduced along its direction, not axis by axis: away from
+        the ground it must not push aside.
+        """
         spin = self.spin.angular_velocity(time)
-        push = (wanted - state[3:]) / self.descent.settling_s
+        push = (speed * self.site.normal - state[3:]) / self.descent.settling_s
         push = push - self.apparent_gravity(state[:3], time) + 2.0 * np.cross(spin, state[3:])
-        return np.clip(self.mass * push, -self.thrust, self.thrust)
+        force = self.mass * push
+        return force * self.thrust / max(self.thrust, float(np.abs(force).max()))
 
     def apparent_gravity(self, position: Vector3, time: float) -> Vector3:
         """Gravity and the turning frame's acceleration at rest (3,) in m/s^2, as assumed."""

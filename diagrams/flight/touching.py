@@ -1,0 +1,249 @@
+"""The touch of a flight: where the ground is near, Drake's contact moves the spacecraft.
+
+The transit diagram flies all along: sensors, navigation, controller, thrusters and log go on. Near
+the ground its spacecraft is moved by a contact plant, one attitude period at a time, with the force
+and torque that its thrusters and wheels give: see `TouchMotion`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.analysis import InitializeParams, Simulator
+from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.primitives import ConstantVectorSource
+
+from proxops.diagrams.flight.wiring import Signals, Wiring
+from proxops.diagrams.scenario import (
+    Body,
+    RigidBodyConfig,
+    Scenario,
+    TouchAndGoConfig,
+    World,
+    load_spacecraft,
+    touch_arm,
+    touch_craft,
+    touch_site,
+)
+from proxops.systems import RigidSpacecraft
+from proxops.systems.common import rotation_matrix
+from proxops.systems.touch import (
+    DescentGuidance,
+    Mission,
+    TouchController,
+    make_contact_plant,
+    nearest_points,
+    patch_of,
+    place_craft,
+)
+
+# Time in s from one look at the forces of contact to the next.
+_LOOK = 0.1
+# Contact takes over where the ground is nearer than anything of the spacecraft reaches, and this
+# far in m; it ends twice as far. The ground is taken along so far about it.
+_SPARE, _PATCH = 0.3, 40.0
+
+
+def make_touch_controller(scenario: Scenario, body: Body) -> TouchController:
+    """Makes the controller of a touch-and-go from what is believed.
+
+    Args:
+      scenario: of a touch-and-go whose site is a position. body: as believed.
+    """
+    task, craft = scenario.task, scenario.spacecraft
+    assert isinstance(task, TouchAndGoConfig)
+    assert isinstance(craft, RigidBodyConfig)
+    guidance = DescentGuidance(
+        body.exact_field,
+        body.spin,
+        craft.mass_kg,
+        craft.thrust_limit_n,
+        touch_site(scenario, body),
+        task.descent,
+    )
+    mission = Mission(guidance, scenario.control_period_s, task.tries, task.checks, task.away)
+    thrusters = load_spacecraft(craft.model).thrusters.count
+    return TouchController(mission, scenario.lidar_geometry.size, thrusters)
+
+
+def add_touch(wiring: Wiring) -> Signals:
+    """Adds what contact gives, which `TouchMotion` sets; returns what is known of it on board."""
+    for name in ("head_force", "contact_record"):
+        size = 1 if name == "head_force" else 3
+        source = wiring.add(name, ConstantVectorSource(np.zeros(size)))
+        if name == "contact_record":
+            wiring.logged[name] = source.get_output_port()
+    return {"head_force": wiring.builder.GetSubsystemByName("head_force").get_output_port()}
+
+
+class TouchMotion:
+    """Moves the spacecraft of a transit diagram by contact, while the ground is near.
+
+    The wheels' momenta and the mass go on as the transit's plant has them. Of the accelerations of
+    the true world there are gravity and what appears in K; what else acts, 1e-6 m/s^2, is left out
+    in these tens of seconds.
+    """
+
+    def __init__(self, world: World, diagram: Diagram):
+        """Takes the world and its transit diagram."""
+        scenario = world.scenario
+        task, craft = scenario.task, scenario.spacecraft
+        assert isinstance(task, TouchAndGoConfig)
+        assert isinstance(craft, RigidBodyConfig)
+        self._world, self._diagram = world, diagram
+        spacecraft = diagram.GetSubsystemByName("spacecraft")
+        assert isinstance(spacecraft, RigidSpacecraft)
+        self.spacecraft, self._period = spacecraft, scenario.attitude_period_s
+        touching = touch_craft(load_spacecraft(craft.model), touch_arm(task))
+        off = np.array(scenario.truth.rigid_body.centre_of_mass_m)
+        arm = touching.arm._replace(place=touching.arm.place - off)
+        parts = {name: (middle - off, edges) for name, (middle, edges) in touching.parts.items()}
+        # As the plant of the flight: the momentum of its wheels is apart.
+        wheels = spacecraft.wheel_inertia * spacecraft.wheel_axes.T @ spacecraft.wheel_axes
+        inertia = spacecraft.inertia - wheels
+        self.craft = touching._replace(arm=arm, parts=parts, inertia=inertia)
+        corners = [np.linalg.norm(np.abs(m) + 0.5 * e) for m, e in parts.values()]
+        tip = float(np.linalg.norm(arm.place)) + arm.head_radius
+        self._reach = max(tip, *corners) + _SPARE
+        self.rows: list[np.ndarray] = []
+        """Of each look in contact: time, state (6), attitude (4), angular velocity (3), force on
+        the head, greatest on another part, stroke."""
+
+    def near(self, context: Context, spare: float = 0.0) -> bool:
+        """Whether the ground is within reach, and so much in m more."""
+        shape, place = self._world.true_body.shape, self._state(context)[4:7]
+        away = np.linalg.norm(nearest_points(shape, place) - place, axis=1).min()
+        return bool(away < self._reach + spare)
+
+    def fly(self, simulator: Simulator, latest: float) -> None:
+        """Moves the spacecraft until the ground is out of reach, or until a time in s.
+
+        The Simulator is left at an attitude step, whose events are pending.
+        """
+        context = simulator.get_mutable_context()
+        true_body = self._world.true_body
+        place = self._state(context)[4:7].copy()
+        ground = patch_of(true_body.shape, place, _PATCH)
+        craft = self.craft._replace(mass=float(self._state(context)[-1]))
+        plant = make_contact_plant(ground, true_body.gravity_field, true_body.spin, craft)
+        contact = Simulator(plant)
+        self._place(plant, contact, context)
+        contact.Initialize()
+        params = InitializeParams()
+        params.suppress_initialization_events = True
+        while context.get_time() < latest and self.near(context, _SPARE):
+            simulator.AdvancePendingEvents()
+            rows = self._moved(plant, contact, context)
+            self.rows += rows
+            self._tell(context, rows)
+            simulator.Initialize(params)
+        self._tell(context, [])
+
+    def _moved(self, plant: Diagram, contact: Simulator, context: Context) -> list[np.ndarray]:
+        """Moves plant and spacecraft by a period; gives the looks on the way."""
+        own = self.spacecraft.GetMyContextFromRoot(context)
+
+        def given(name: str) -> np.ndarray:
+            return self.spacecraft.GetInputPort(name).Eval(own)
+
+        state, axes = self._state(context).copy(), self.spacecraft.wheel_axes
+        wheels = slice(13, 13 + len(axes))
+        motors = given("wheel_torque") if len(axes) else np.zeros(0)
+        inside = contact.get_mutable_context()
+        plant.GetInputPort("force").FixValue(inside, given("force"))
+        rows, looks, begun = [], max(round(self._period / _LOOK), 1), context.get_time()
+        momentum, thrust_torque = axes.T @ state[wheels], given("torque")
+        for k in range(looks):
+            rate = plant.GetOutputPort("angular_velocity").Eval(inside)
+            torque = thrust_torque - axes.T @ motors - np.cross(rate, momentum)
+            plant.GetInputPort("torque").FixValue(inside, torque)
+            contact.AdvanceTo(begun + (k + 1) * self._period / looks)
+            momentum = momentum + axes.T @ motors * self._period / looks
+            rows.append(_look(plant, inside))
+        last = rows[-1]
+        state[:4], state[4:7], state[7:10], state[10:13] = (
+            last[7:11], last[1:4], last[11:14], last[4:7]
+        )  # fmt: skip
+        state[wheels] += self._period * motors
+        state[-1] -= self._period * given("mass_flow")[0]
+        context.SetTime(begun + self._period)
+        mutable = self.spacecraft.GetMyMutableContextFromRoot(context)
+        mutable.SetContinuousState(state)
+        return rows
+
+    def _place(self, plant: Diagram, contact: Simulator, context: Context) -> None:
+        """Sets the plant to where the spacecraft is."""
+        state, inside = self._state(context), contact.get_mutable_context()
+        inside.SetTime(context.get_time())
+        motion = np.concatenate([state[4:7], state[10:13]])
+        attitude = state[:4] / np.linalg.norm(state[:4])
+        place_craft(plant, inside, motion, attitude, state[7:10], self._world.true_body.spin)
+
+    def _tell(self, context: Context, rows: list[np.ndarray]) -> None:
+        """Tells the diagram the greatest of what contact gave in some looks."""
+        greatest = np.max([row[14:] for row in rows], axis=0) if rows else np.zeros(3)
+        for name, values in (("head_force", greatest[:1]), ("contact_record", greatest)):
+            source = self._diagram.GetSubsystemByName(name)
+            own = source.GetMyMutableContextFromRoot(context)
+            source.get_mutable_source_value(own).SetFromVector(values)
+
+    def _state(self, context: Context) -> np.ndarray:
+        """The spacecraft's continuous state: see `RigidSpacecraft`."""
+        own = self.spacecraft.GetMyContextFromRoot(context)
+        return own.get_continuous_state_vector().CopyToVector()
+
+
+def _look(plant: Diagram, context: Context) -> np.ndarray:
+    """A row (17,) of `TouchMotion.rows`."""
+
+    def read(name: str) -> np.ndarray:
+        return plant.GetOutputPort(name).Eval(context)
+
+    parts = read("parts_force").max() if plant.HasOutputPort("parts_force") else 0.0
+    force = np.linalg.norm(read("contact_force"))
+    return np.concatenate(
+        [
+            [context.get_time()], read("state"), read("attitude"), read("angular_velocity"),
+            [force, parts, read("arm")[0]],
+        ]
+    )  # fmt: skip
+
+
+def touch_figures(motion: TouchMotion, world: World) -> dict[str, float]:
+    """What came of a touch, as attributes of a log; none if nothing touched.
+
+    Of the first touch: time (s), miss (m, across the normal), speeds down and across (m/s), angle
+    between arm and normal (degrees), rate against K (degrees/s). Of all: peak force on the head and
+    on another part (N), stroke (m), duration (s), how often it came back to the ground more than a
+    second after it had left, and the rate 10 s after the first.
+    """
+    rows = np.array(motion.rows).reshape(-1, 17)
+    on = np.flatnonzero(rows[:, 14] > 0.0)
+    parts = float(rows[:, 15].max()) if len(rows) else 0.0
+    if not on.size:
+        return {"touch_parts_force_n": parts}
+    site, first = touch_site(world.scenario, world.body), rows[on[0]]
+    later = rows[min(np.searchsorted(rows[:, 0], first[0] + 10.0), len(rows) - 1)]
+    aside = first[1:4] - site.position
+    along = float(first[4:7] @ site.normal)
+    spin = world.true_body.spin.angular_velocity(first[0])
+    arm = rotation_matrix(tuple(first[7:11])) @ motion.craft.arm.direction
+
+    def rate(row: np.ndarray) -> float:
+        turned = row[11:14] - rotation_matrix(tuple(row[7:11])).T @ spin
+        return float(np.degrees(np.linalg.norm(turned)))
+
+    times = rows[on, 0]
+    return {
+        "touch_time_s": float(first[0]),
+        "touch_miss_m": float(np.linalg.norm(aside - (aside @ site.normal) * site.normal)),
+        "touch_down_m_s": -along,
+        "touch_across_m_s": float(np.linalg.norm(first[4:7] - along * site.normal)),
+        "touch_tilt_deg": float(np.degrees(np.arccos(np.clip(-arm @ site.normal, -1.0, 1.0)))),
+        "touch_rate_deg_s": rate(first),
+        "touch_later_rate_deg_s": rate(later),
+        "touch_force_n": float(rows[:, 14].max()),
+        "touch_parts_force_n": parts,
+        "touch_stroke_m": float(rows[:, 16].max()),
+        "touch_duration_s": float(times[-1] - times[0]),
+        "touch_again": int((np.diff(times) > 1.0).sum()),
+    }
