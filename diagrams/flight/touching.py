@@ -89,7 +89,7 @@ class TouchMotion:
         task, craft = scenario.task, scenario.spacecraft
         assert isinstance(task, TouchAndGoConfig)
         assert isinstance(craft, RigidBodyConfig)
-        self._world, self._diagram = world, diagram
+        self._world, self._diagram, true_shape = world, diagram, world.true_body.shape
         spacecraft = diagram.GetSubsystemByName("spacecraft")
         assert isinstance(spacecraft, RigidSpacecraft)
         self.spacecraft, self._period = spacecraft, scenario.attitude_period_s
@@ -104,6 +104,8 @@ class TouchMotion:
         corners = [np.linalg.norm(np.abs(m) + 0.5 * e) for m, e in parts.values()]
         tip = float(np.linalg.norm(arm.place)) + arm.head_radius
         self._reach = max(tip, *corners) + _SPARE
+        sides = true_shape.vertices[true_shape.facets]
+        self._edge = float(np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2).max())
         self.rows: list[np.ndarray] = []
         """Of each look in contact: time, state (6), attitude (4), angular velocity (3), force on
         the head, greatest on another part, stroke."""
@@ -111,6 +113,9 @@ class TouchMotion:
     def near(self, context: Context, spare: float = 0.0) -> bool:
         """Whether the ground is within reach, and so much in m more."""
         shape, place = self._world.true_body.shape, self._state(context)[4:7]
+        # No point of a facet is farther from a corner than its longest edge.
+        if np.linalg.norm(shape.vertices - place, axis=1).min() > self._edge + self._reach + spare:
+            return False
         away = np.linalg.norm(nearest_points(shape, place) - place, axis=1).min()
         return bool(away < self._reach + spare)
 
