@@ -36,8 +36,9 @@ from proxops.systems.touch import (
     place_craft,
 )
 
-# Time in s from one look at the forces of contact to the next.
-_LOOK = 0.1
+# Time in s from one look at the forces of contact to the next, and the plant's step: half of it
+# changes peak and stroke by 1 %.
+_LOOK, _STEP = 0.1, 0.02
 # Contact takes over where the ground is nearer than anything of the spacecraft reaches, and this
 # far in m; it ends twice as far. The ground is taken along so far about it.
 _SPARE, _PATCH = 0.3, 40.0
@@ -72,7 +73,8 @@ def add_touch(wiring: Wiring) -> Signals:
         source = wiring.add(name, ConstantVectorSource(np.zeros(size)))
         if name == "contact_record":
             wiring.logged[name] = source.get_output_port()
-    return {"head_force": wiring.builder.GetSubsystemByName("head_force").get_output_port()}
+    head = wiring.builder.GetSubsystemByName("head_force")
+    return {"head_force": head.get_output_port()}
 
 
 class TouchMotion:
@@ -129,7 +131,9 @@ class TouchMotion:
         place = self._state(context)[4:7].copy()
         ground = patch_of(true_body.shape, place, _PATCH)
         craft = self.craft._replace(mass=float(self._state(context)[-1]))
-        plant = make_contact_plant(ground, true_body.gravity_field, true_body.spin, craft)
+        plant = make_contact_plant(
+            ground, true_body.gravity_field, true_body.spin, craft, step=_STEP
+        )
         contact = Simulator(plant)
         self._place(plant, contact, context)
         contact.Initialize()

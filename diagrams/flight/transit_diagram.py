@@ -13,7 +13,7 @@ from pydrake.systems.framework import (
     PortDataType,
     System,
 )
-from pydrake.systems.primitives import VectorLogSink, ZeroOrderHold
+from pydrake.systems.primitives import ConstantVectorSource, VectorLogSink, ZeroOrderHold
 
 from proxops.diagrams.flight.on_board import STATE_PORTS, add_on_board
 from proxops.diagrams.flight.rigid_body import add_actuation, add_attitude_sensors
@@ -199,7 +199,10 @@ def diagram_of(
     hold_command(wiring, command, hold, command_hold)
     if isinstance(craft, RigidSpacecraft):
         acting = hold.GetOutputPort("y") if delay > 0.0 else wiring.logged["force"]
-        add_actuation(wiring, craft, acting, {**sensed, "position": known["position"]})
+        position = known["position"]
+        if touches:  # The arm points along the normal, wherever the spacecraft is.
+            position = wiring.add("home", ConstantVectorSource(goal[:3])).get_output_port()
+        add_actuation(wiring, craft, acting, {**sensed, "position": position})
         if controller.HasInputPort("failed"):
             failed = wiring.logged["failed_thrusters"]
             wiring.builder.Connect(failed, controller.GetInputPort("failed"))

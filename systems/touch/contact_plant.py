@@ -57,6 +57,7 @@ from proxops.systems.common import (
     Vector3,
     check_inertia,
     check_positive,
+    kernel,
     rotation_matrix,
 )
 from proxops.systems.gravity import Field
@@ -359,6 +360,7 @@ class _FrameForces(LeafSystem):
         output.set_value([*applied, _applied(self._bodies[0].body, np.zeros(3), given)])
 
 
+@kernel
 def frame_wrench(
     mass: float,
     inertia: Matrix3,
