@@ -274,8 +274,7 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         *([("values drawn", str(len(summary["dispersed"])))] if summary["dispersed"] else []),
         ("success", "yes" if summary["success"] else "no"),
         ("collision", "yes" if summary["collided"] else "no"),
-        ("keep-out violations", str(summary["keep_out_violations"])),
-        ("least keep-out clearance", length_text(summary["min_clearance_m"])),
+        *(_touch(summary) if "touched" in summary else _clearance(summary)),
         ("arrival", "never" if arrival is None else f"{arrival:.0f} s"),
         ("position error at the end", length_text(summary["terminal_position_error_m"])),
         ("speed at the end", f"{three_digits(summary['terminal_speed_m_s'])} m/s"),
@@ -314,6 +313,39 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     rows.append(("simulated", f"{flown:.0f} s in {summary['wall_s']:.1f} s"))
     rows.append(("speed against real time", f"{flown / summary['wall_s']:.0f} x"))
     return rows
+
+
+def _clearance(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Rows of a table on the keep-out ellipsoid."""
+    return [
+        ("keep-out violations", str(summary["keep_out_violations"])),
+        ("least keep-out clearance", length_text(summary["min_clearance_m"])),
+    ]
+
+
+def _touch(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Rows of a table on a touch-and-go."""
+    aborts = ", ".join(summary["touch_aborts"]) or "none"
+    parts = f"{summary['touch_parts_force_n']:.0f} N"
+    rows = [("descents, aborts", f"{summary['touch_tries']}, {aborts}")]
+    if not summary["touched"]:
+        return [*rows, ("touch", "none"), ("force on bus and panels", parts)]
+    speeds = [f"{100.0 * summary[f'touch_{way}_m_s']:.2f} cm/s" for way in ("down", "across")]
+    rates = [
+        f"{summary[name]:.3f} deg/s" for name in ("touch_rate_deg_s", "touch_later_rate_deg_s")
+    ]
+    return [
+        *rows,
+        ("touch", f"{summary['touch_time_s']:.0f} s, for {summary['touch_duration_s']:.1f} s"),
+        ("miss of the site", length_text(summary["touch_miss_m"])),
+        ("speed down and across", ", ".join(speeds)),
+        ("arm off the normal", f"{summary['touch_tilt_deg']:.2f} deg"),
+        ("rate at the touch and 10 s later", ", ".join(rates)),
+        ("peak force on the head", f"{summary['touch_force_n']:.0f} N"),
+        ("stroke of the arm", f"{100.0 * summary['touch_stroke_m']:.1f} cm"),
+        ("force on bus and panels", parts),
+        ("came back to the ground", str(summary["touch_again"])),
+    ]
 
 
 def _attitude(summary: dict[str, Any]) -> list[tuple[str, str]]:

@@ -66,6 +66,7 @@ def add_on_board(
         commanded_force=acted,
         commanded_thrust=signals.get("commanded_thrust"),
         body_attitude=body_attitude,
+        outside_force=signals.get("head_force"),
     )
     wiring.logged.update({name: each.port for name, each in navigation.logged_ports().items()})
     state = navigation.GetOutputPort("state")

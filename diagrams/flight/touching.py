@@ -39,6 +39,7 @@ from proxops.systems.touch import (
 # Time in s from one look at the forces of contact to the next, and the plant's step: half of it
 # changes peak and stroke by 1 %.
 _LOOK, _STEP = 0.1, 0.02
+_ROUNDING = 1e-9
 # Contact takes over where the ground is nearer than anything of the spacecraft reaches, and this
 # far in m; it ends twice as far. The ground is taken along so far about it.
 _SPARE, _PATCH = 0.3, 40.0
@@ -139,11 +140,14 @@ class TouchMotion:
         contact.Initialize()
         params = InitializeParams()
         params.suppress_initialization_events = True
+        control, since = self._world.scenario.control_period_s, len(self.rows)
         while context.get_time() < latest and self.near(context, _SPARE):
             simulator.AdvancePendingEvents()
-            rows = self._moved(plant, contact, context)
-            self.rows += rows
-            self._tell(context, rows)
+            steps = context.get_time() / control
+            if abs(steps - round(steps)) < _ROUNDING:
+                since = len(self.rows)  # What was before is known on board.
+            self.rows += self._moved(plant, contact, context)
+            self._tell(context, self.rows[since:])
             simulator.Initialize(params)
         self._tell(context, [])
 

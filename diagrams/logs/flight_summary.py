@@ -11,6 +11,7 @@ import xarray as xr
 from proxops.diagrams.logs.attitude_figures import attitude_figures
 from proxops.diagrams.logs.columns import WALL_TIMES
 from proxops.diagrams.logs.navigation_figures import navigation_figures
+from proxops.diagrams.logs.touch_figures import touch_figures
 from proxops.diagrams.scenario import Body, Scenario, dispersed_values
 from proxops.systems.assurance import InterventionReason
 from proxops.systems.common import States, Values
@@ -85,6 +86,7 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
         **navigation_figures(data),
         **attitude_figures(data, scenario),
         **_interventions(data, scenario),
+        **touch_figures(data),
     }
 
 

@@ -69,7 +69,7 @@ class LidarNavigation(LeafSystem):
     commanded_force (3), N, S ►│                 ├─► attitude (4), R_KS
     commanded_thrust (1), N ──►│                 │
     body_attitude (4), R_KS ──►│                 ├─► covariance (81)
-                               │                 ├─► record (5)
+    outside_force (1), N ─────►│                 ├─► record (5)
                                └─────────────────┴─► return_use (planes * rays)
     ```
 
@@ -80,6 +80,9 @@ class LidarNavigation(LeafSystem):
     `body_attitude` may remain open: then the spacecraft holds S to what it takes for K. Else it is
     R_KS as measured against the stars, with the spin as believed, at the frame's time; the filter
     estimates what is wrong with that, and `commanded_force` is along K's axes as they are measured.
+
+    `outside_force` may remain open, too: the size of a force of unknown direction that acted for a
+    while since the last frame, such as that of the ground on an arm.
 
     `commanded_force` is the command along the spacecraft's own axes S that was held over the last
     period; `commanded_thrust` is the sum of the forces of all thrusters, which use up propellant.
@@ -144,6 +147,7 @@ class LidarNavigation(LeafSystem):
         self._force_port = self.DeclareVectorInputPort("commanded_force", 3)
         self._thrust_port = self.DeclareVectorInputPort("commanded_thrust", 1)
         self._body_port = self.DeclareVectorInputPort("body_attitude", 4)
+        self._outside_port = self.DeclareVectorInputPort("outside_force", 1)
         self._memory = self.DeclareDiscreteState(self._packed(self._navigator.start()))
         self._step = self.DeclareCacheEntry(
             "step",
@@ -201,7 +205,10 @@ class LidarNavigation(LeafSystem):
         thrust = None
         if self._thrust_port.HasValue(context):
             thrust = float(self._thrust_port.Eval(context)[0])
-        value.set_value(navigator.step(memory, ranges, force, context.get_time(), thrust))
+        outside = 0.0
+        if self._outside_port.HasValue(context):
+            outside = float(self._outside_port.Eval(context)[0])
+        value.set_value(navigator.step(memory, ranges, force, context.get_time(), thrust, outside))
 
     def _body_axes(self, context) -> Matrix3:
         return rotation_matrix(self._body_port.Eval(context))

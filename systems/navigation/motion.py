@@ -41,7 +41,7 @@ class Motion:
           expected: one standard deviation of everything.
         """
         self.spin = spin_model(spin)
-        self._field, self._mass = field, mass
+        self._field, self.mass = field, mass
         # Over this length gravity changes.
         self._radius, self._half_length = 0.5 * float(extents.min()), 0.5 * float(extents.max())
         self._expected = expected
@@ -63,8 +63,8 @@ class Motion:
         steps = math.ceil(max(1.0, turn / _TURN, speed * duration / (_SHARE * self._radius)))
         steps = min(steps, _MOST_STEPS)
         step = duration / steps
-        spent = thrust * step / self._mass
-        pushed = self._expected.thrust_varying * thrust / self._mass
+        spent = thrust * step / self.mass
+        pushed = self._expected.thrust_varying * thrust / self.mass
         for k in range(steps):
             mean = estimate.mean
             half = 0.5 * step * mean[VELOCITY]
@@ -77,7 +77,7 @@ class Motion:
                 step,
                 self._noise(step, steps, self._uneven(middle, local.acceleration) + pushed**2),
                 self._turning(time + (k + 0.5) * step, step),
-                self._mass,
+                self.mass,
             )
             estimate = Estimate(*moved, estimate.spent + spent)
         return estimate

@@ -166,6 +166,7 @@ class Navigator:
         force: Vector3,
         time: float,
         thrust: float | None = None,
+        outside: float = 0.0,
     ) -> Step:
         """Uses the frame that arrives at a time.
 
@@ -176,16 +177,22 @@ class Navigator:
           time: now, in s.
           thrust: sum of the forces of all thrusters in N over that period, which use up
             propellant; None: there are thrusters along the axes of S.
+          outside: N, a force from outside in that period: how long it acted, and whereto, is not
+            known.
         """
         if thrust is None:
             thrust = sum(map(abs, force.tolist()))
         push = np.append(force, thrust)
         if memory.phase == NavigationPhase.FOLLOWING and not self.model.map_error.coefficients:
-            return self._stepped(memory, ranges, push, time)  # Matrices too small for threads.
+            return self._stepped(
+                memory, ranges, push, time, outside
+            )  # Matrices too small for threads.
         with one_thread():
-            return self._stepped(memory, ranges, push, time)
+            return self._stepped(memory, ranges, push, time, outside)
 
-    def _stepped(self, memory: Memory, ranges: np.ndarray, push: np.ndarray, time: float) -> Step:
+    def _stepped(
+        self, memory: Memory, ranges: np.ndarray, push: np.ndarray, time: float, outside: float
+    ) -> Step:
         """See `step`."""
         forces = np.empty_like(memory.forces)
         forces[:-1], forces[-1] = memory.forces[1:], push
@@ -194,6 +201,8 @@ class Navigator:
         if memory.estimate is not None:
             begun = taken - self._period
             prior = self._predicted(memory.estimate, forces[0], begun)
+            if outside > 0.0:
+                prior = self._pushed(prior, outside)
         attitude = memory.attitude if prior is None else prior.rotation
         used = self._used(prior, memory, ranges, attitude)
         estimate, phase, contradictions, correction = used
@@ -212,6 +221,13 @@ class Navigator:
         if not error.relief:
             return moved
         return forgotten(moved, estimate, BASE + error.modes, error.relief_correlation)
+
+    def _pushed(self, prior: Estimate, force: float) -> Estimate:
+        """The prior after a force in N from outside, at most a period long."""
+        speed = force * self._period / self.motion.mass
+        extra = np.zeros(prior.mean.size)
+        extra[POSITION], extra[VELOCITY] = (speed * self._period) ** 2, speed**2
+        return prior._replace(covariance=prior.covariance + np.diag(extra))
 
     def _used(
         self, prior: Estimate | None, memory: Memory, ranges: np.ndarray, attitude: np.ndarray
