@@ -15,9 +15,9 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import ConstantVectorSource, VectorLogSink, ZeroOrderHold
 
+from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.on_board import STATE_PORTS, add_on_board
 from proxops.diagrams.flight.rigid_body import add_actuation, add_attitude_sensors
-from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.touching import add_touch
 from proxops.diagrams.flight.wiring import Signals, Wiring
 from proxops.diagrams.flight.world import (

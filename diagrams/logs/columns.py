@@ -138,7 +138,7 @@ VARIABLES = {
         ),
     }),
     **_record("contact_record", {
-        "contact_force": Column((), "N", "greatest force on the head since the control step before"),
+        "contact_force": Column((), "N", "greatest force on the head since the last control step"),
         "parts_force": Column((), "N", "greatest on anything but the head"),
         "arm_stroke": Column((), "m", "how far the arm was pressed in at most"),
     }),

@@ -220,7 +220,7 @@ class Mission:
             return False
         off = memory.state - self.guidance.target(TouchPhase.HOME)
         there = np.linalg.norm(off[:3]) <= 0.2 * self.guidance.descent.home_m
-        slow = np.linalg.norm(off[3:]) <= self.checks.gate_m_s
+        slow = np.linalg.norm(off[3:]) <= self.away.home_m_s
         return bool(there and slow) and self._unsure(memory, seen) is AbortReason.NONE
 
     def _begun(self, memory: Memory, seen: Seen) -> Memory:

@@ -11,8 +11,8 @@ from proxops.systems.rotation import SteadySpin
 from proxops.systems.touch.descent import (
     DescentConfig,
     DescentGuidance,
-    DescentPhase,
     Site,
+    TouchPhase,
 )
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -53,7 +53,7 @@ def test_the_corridor_and_the_speed_bind() -> None:
     """From near its edge, on the way out of it, the plan keeps to both limits."""
     guidance = over_a_plane(slowing_s=200.0)
     edge = np.tan(np.radians(20.0)) * 100.0 + 2.0
-    start, target = np.array([0.9 * edge, 0, 100.0, 0.1, 0, 0]), guidance.target(DescentPhase(2))
+    start, target = np.array([0.9 * edge, 0, 100.0, 0.1, 0, 0]), guidance.target(TouchPhase.GROUND)
     _, states = guidance.plan(start, target, 700.0, 0.0)
     heights, aside = states[:, 2], np.linalg.norm(states[:, :2], axis=1)
     room = np.tan(np.radians(20.0)) * heights + 2.0 - aside
@@ -69,7 +69,7 @@ def test_the_corridor_and_the_speed_bind() -> None:
 def test_too_little_time_is_flown_with_all_thrust() -> None:
     guidance = over_a_plane(thrust=0.01)
     start = np.r_[guidance.home, np.zeros(3)]
-    force, states = guidance.plan(start, guidance.target(DescentPhase(0)), 100.0, 0.0)
+    force, states = guidance.plan(start, guidance.target(TouchPhase.CHECKPOINT), 100.0, 0.0)
     assert force[2] == pytest.approx(-0.01, rel=1e-3)
     assert states[-1, 2] == pytest.approx(125.0 - 0.5 * 0.01 / 1400.0 * 100.0**2, abs=0.01)
 
@@ -79,14 +79,24 @@ def test_heights_must_fall() -> None:
         over_a_plane(checkpoint_m=50.0)
 
 
-def test_phases() -> None:
+def test_legs() -> None:
     guidance = over_a_plane()
     high, low = np.r_[0.0, 0, 30.0, 0, 0, 0], np.r_[0.0, 0, 4.0, 0, 0, 0]
-    assert [guidance.phase(t, high) for t in (0.0, 500.0, 849.0, 850.0, 1400.0)] == [0, 1, 1, 2, 3]
-    assert guidance.phase(900.0, low) is DescentPhase.TERMINAL
+    assert [guidance.leg(t, high) for t in (0.0, 500.0, 849.0, 850.0, 1400.0)] == [1, 2, 2, 3, 4]
+    assert guidance.leg(900.0, low) is TouchPhase.TERMINAL
     # On the speed of contact the force is the weight.
     down = np.r_[0.0, 0, 4.0, 0, 0, -0.1]
     np.testing.assert_allclose(over_a_plane(5e-5).force(900.0, down), [0, 0, 0.07], atol=1e-12)
+
+
+def test_what_exceeds_the_thrust_keeps_its_direction() -> None:
+    """Away from the ground, slowly aside: braked in one straight push, and no more aside."""
+    guidance = over_a_plane(5e-5)
+    state = np.array([0.0, 0.0, 2.0, 0.03, 0.0, -0.1])
+    force = guidance.steady_force(0.0, state, 0.4)
+    assert force[2] == pytest.approx(6.0)
+    wanted = np.array([-0.03, 0.0, 0.5]) / 10.0 + [0.0, 0.0, 5e-5]
+    np.testing.assert_allclose(force / 6.0, wanted / wanted[2], rtol=1e-12)
 
 
 def test_bennu() -> None:

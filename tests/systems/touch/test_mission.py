@@ -1,0 +1,169 @@
+"""The mission over a plane: phases, checks, aborts; and that an abort stops as high as it says."""
+
+import numpy as np
+import pytest
+from even_field import EvenField
+from scipy.integrate import solve_ivp
+
+from proxops.systems.rotation import SteadySpin
+from proxops.systems.touch.descent import DescentGuidance, Site, TouchPhase
+from proxops.systems.touch.mission import (
+    AbortReason,
+    Memory,
+    Mission,
+    Seen,
+    stopping_distance,
+)
+from proxops.systems.touch.touch_controller import _packed, _unpacked
+
+UP, PULL, MASS, THRUST, PERIOD = np.array([0.0, 0.0, 1.0]), 5e-5, 1400.0, 6.0, 4.0
+SURE = np.diag([0.1, 0.1, 0.1, 0.002, 0.002, 0.002]) ** 2
+
+
+def mission(tries: int = 1) -> Mission:
+    """To the ground z = 0, which does not turn."""
+    field, spin = EvenField([0.0, 0.0, -PULL]), SteadySpin(np.zeros(3))
+    return Mission(DescentGuidance(field, spin, MASS, THRUST, Site(np.zeros(3), UP)), PERIOD, tries)
+
+
+def moved(state: np.ndarray, force: np.ndarray, step: float = PERIOD) -> np.ndarray:
+    push = force / MASS - PULL * UP
+    return np.r_[state[:3] + step * state[3:] + 0.5 * step**2 * push, state[3:] + step * push]
+
+
+def seen(time: float, state: np.ndarray, **changes) -> Seen:
+    return Seen(time, state, SURE, frame=True, head=0.0, failed=False)._replace(**changes)
+
+
+class Flown:
+    """A flight on the true state that the ground touches at height 0, and throws up again."""
+
+    def __init__(self, made: Mission, changes=lambda time, phase: {}, latest: float = 4000.0):
+        self.phases, self.memory, self.lowest = [TouchPhase.HOME], Memory(), np.inf
+        state, time = np.r_[15.0, 0.0, 125.0, np.zeros(3)], 0.0
+        head = 0.0
+        while time < latest:
+            extra = {"head": head, **changes(time, self.memory.phase)}
+            step = made.step(self.memory, seen(time, state, **extra))
+            self.memory, self.step = step.memory, step
+            if self.memory.phase is not self.phases[-1]:
+                self.phases.append(self.memory.phase)
+            state, time, head = moved(state, step.force), time + PERIOD, 0.0
+            if state[2] <= 0.0 and state[5] < 0.0:
+                state, head = np.r_[state[:2], 0.0, state[3:5], 0.07], 100.0
+            self.lowest = min(self.lowest, state[2])
+        self.state = state
+
+
+def test_down_and_home_again() -> None:
+    flown = Flown(mission())
+    assert flown.phases == [0, 1, 2, 3, 4, 5, 6, 0]
+    assert flown.memory.touched
+    np.testing.assert_allclose(flown.state, np.r_[0.0, 0.0, 125.0, np.zeros(3)], atol=0.01)
+    np.testing.assert_allclose(flown.step.target, np.r_[0.0, 0.0, 125.0, np.zeros(3)])
+
+
+@pytest.mark.parametrize("since", [600.0, 1000.0, 1300.0, 1348.0])
+def test_a_failed_thruster_leads_home_from_any_height(since: float) -> None:
+    flown = Flown(mission(tries=3), lambda time, phase: {"failed": time >= since})
+    assert flown.memory.reason is AbortReason.THRUSTER
+    assert flown.memory.tries == 1  # It does not try again with a thruster less.
+    assert flown.lowest > 0.0
+    assert flown.state[2] == pytest.approx(125.0, abs=0.1)
+
+
+def test_it_tries_again_when_frames_come_back() -> None:
+    flown = Flown(mission(tries=2), lambda time, phase: {"frame": not 700.0 < time < 760.0})
+    assert flown.memory.reason is AbortReason.FRAMES
+    assert flown.memory.tries == 2
+    assert flown.memory.touched
+    assert flown.phases.count(TouchPhase.AWAY) == 2
+    once = Flown(mission(tries=1), lambda time, phase: {"frame": not 700.0 < time < 760.0})
+    assert not once.memory.touched
+
+
+def test_what_it_does_not_know_it_reckons() -> None:
+    """Without a state from the terminal phase on it comes away all the same."""
+    nothing = np.full(6, np.nan)
+    flown = Flown(
+        mission(), lambda time, phase: {"state": nothing} if phase >= TouchPhase.TERMINAL else {}
+    )
+    assert flown.memory.reason is AbortReason.NAVIGATION
+    assert flown.lowest > 0.0
+    assert flown.state[2] == pytest.approx(125.0, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("state", "changes", "reason"),
+    [
+        ([30.0, 0, 60, 0, 0, -0.1], {}, AbortReason.CORRIDOR),
+        ([0.0, 0, 60, 0, 0, -0.7], {}, AbortReason.SPEED),
+        ([0.0, 0, 70, 0, 0, -0.1], {"covariance": 9.0 * np.eye(6)}, AbortReason.NAVIGATION),
+        ([0.0, 0, 60, 0, 0, -0.1], {}, AbortReason.NONE),
+        ([0.0, 0, 60, 0, 0, -0.1], {"time": 852.0}, AbortReason.NONE),
+        ([6.0, 0, 55, 0, 0, -0.1], {"time": 852.0}, AbortReason.GATE),
+        ([0.0, 0, 55, 0.05, 0, -0.1], {"time": 852.0}, AbortReason.GATE),
+    ],
+)
+def test_checks(state: list[float], changes: dict, reason: AbortReason) -> None:
+    memory = Memory(TouchPhase.MATCHPOINT, tries=1, frame=800.0, known=True)
+    step = mission().step(memory, seen(800.0, np.array(state))._replace(**changes))
+    assert step.memory.reason is reason
+    if reason is AbortReason.NONE:
+        late = changes.get("time", 800.0) > 850.0
+        assert step.memory.phase is (TouchPhase.GROUND if late else TouchPhase.MATCHPOINT)
+    else:
+        assert step.memory.phase is TouchPhase.AWAY
+        assert step.force[2] > 0.0
+
+
+def test_it_waits_at_home_until_it_is_sure() -> None:
+    """The velocity is known well enough from the fourth step on."""
+    vague = np.diag(np.r_[np.full(3, 0.1), np.full(3, 0.03)]) ** 2
+    flown = Flown(
+        mission(), lambda time, phase: {"covariance": vague} if time < 16.0 else {}, latest=17.0
+    )
+    assert flown.memory.begun == 16.0
+
+
+def test_the_stopping_distance_is_that_of_an_integration() -> None:
+    down, pull, braking, delay = 0.13, 5e-5, 0.004, 4.0
+
+    def rates(time: float, y: np.ndarray) -> list[float]:
+        return [y[1], pull if time < delay else -braking]
+
+    def stopped(time: float, y: np.ndarray) -> float:
+        return y[1] if time > delay else 1.0
+
+    stopped.terminal = True
+    end = solve_ivp(rates, (0.0, 100.0), [0.0, down], events=stopped, max_step=0.1, rtol=1e-9)
+    assert stopping_distance(down, pull, braking, delay) == pytest.approx(end.y[0, -1], rel=1e-3)
+    assert stopping_distance(-0.1, pull, braking, delay) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_an_abort_stops_no_lower_than_promised(seed: int) -> None:
+    """Of a state within four deviations of what is known, with 10 % less thrust."""
+    random, made = np.random.default_rng(seed), mission()
+    known = np.r_[random.uniform(-1, 1, 2), random.uniform(2, 60), random.uniform(-0.02, 0.02, 2),
+                  random.uniform(-0.2, 0.0)]  # fmt: skip
+    promised = made.stopping(known, SURE)
+    state = known + 4.0 * np.sqrt(np.diag(SURE)) * [0, 0, -1, 0, 0, -1]
+    state, lowest = moved(state, np.zeros(3)), np.inf
+    for k in range(60):
+        shown = state.copy()
+        force = 0.9 * made.guidance.steady_force(k * PERIOD, shown, made.away.speed_m_s)
+        for _ in range(40):
+            state = moved(state, force, PERIOD / 40.0)
+            lowest = min(lowest, state[2])
+    assert lowest > promised - 1e-3
+
+
+def test_the_memory_is_kept_whole() -> None:
+    kept = Memory(
+        TouchPhase.AWAY, AbortReason.LATE, 2, True, 1.5, 2.5, 3.5, True, np.arange(6.0), 4.5
+    )
+    again = _unpacked(_packed(kept))
+    np.testing.assert_array_equal(again.state, kept.state)
+    assert again._replace(state=0) == kept._replace(state=0)
+    assert type(again.phase) is TouchPhase
