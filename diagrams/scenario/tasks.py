@@ -39,7 +39,8 @@ class TouchAndGoConfig:
     """Touch a place of the body, and come back.
 
     The spacecraft is a rigid body, with an arm along -z of S. The flight begins near home, above
-    the place, and ends when it is at rest there again. `transit.start_m` may say where it begins.
+    the place, and ends when it is at rest there again. `transit.start_m` may say where it begins;
+    `transit.goal_m`, which must be given with it, has no meaning.
     """
 
     # The place: latitude and longitude in degrees, or a position in m in K; null: the best place
