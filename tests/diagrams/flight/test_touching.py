@@ -79,7 +79,7 @@ def test_a_site_by_its_direction_and_as_it_was_written() -> None:
 def test_above_the_ground_both_plants_agree() -> None:
     """With thrust and wheels; the contact plant is of first order, in steps of 20 ms."""
     site = touch_site(low(), load_body("bennu"))
-    start = site.position + 1.2 * site.normal
+    start = site.position + 0.6 * site.normal
     ends = {f"transit.{end}_m": start.tolist() for end in ("start", "goal")}
     scenario = low(**ends, control_period_s=2.0)
     world = World.of(scenario)
