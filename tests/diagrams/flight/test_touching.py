@@ -7,7 +7,9 @@ from proxops.diagrams.flight import fly, make_simulator, make_transit_diagram
 from proxops.diagrams.flight.touching import TouchMotion
 from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import (
+    RigidBodyConfig,
     Scenario,
+    TouchAndGoConfig,
     World,
     load_body,
     load_scenario,
@@ -66,6 +68,9 @@ def test_a_site_by_its_direction_and_as_it_was_written() -> None:
     body, north = load_body("bennu"), np.hypot(*SITE[:2])
     where = [float(np.degrees(np.arctan2(*pair))) for pair in ((SITE[2], north), SITE[1::-1])]
     once = with_site(low(**{"task.site": where}), body)
+    assert isinstance(once.task, TouchAndGoConfig)
+    assert isinstance(once.spacecraft, RigidBodyConfig)
+    assert once.task.site is not None
     np.testing.assert_allclose(once.task.site, SITE, atol=1e-6)
     again = with_site(once, body)
     assert again == once

@@ -11,7 +11,7 @@ import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolutionResult, SolverOptions
 from scipy.linalg import expm
 
-from proxops.diagrams.flight.transit_diagram import make_mpc
+from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario import Scenario, load_body
 from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import Gravity, Plan, TransitProgram

@@ -133,9 +133,9 @@ def test_the_stopping_distance_is_that_of_an_integration() -> None:
     def stopped(time: float, y: np.ndarray) -> float:
         return y[1] if time > delay else 1.0
 
-    stopped.terminal = True
     end = solve_ivp(rates, (0.0, 100.0), [0.0, down], events=stopped, max_step=0.1, rtol=1e-9)
-    assert stopping_distance(down, pull, braking, delay) == pytest.approx(end.y[0, -1], rel=1e-3)
+    rest = end.y_events[0][0, 0]
+    assert stopping_distance(down, pull, braking, delay) == pytest.approx(rest, rel=1e-3)
     assert stopping_distance(-0.1, pull, braking, delay) == 0.0
 
 
