@@ -157,9 +157,9 @@ def diagram_of(
     world: World, controller: System | None = None, meshcat: Meshcat | None = None
 ) -> Diagram:
     """Wires all systems that the flight of a world needs: see `make_transit_diagram`."""
-    wiring, scenario = Wiring(DiagramBuilder(), world), world.scenario
     if controller is None:
-        controller = named_controller("mpc", world.belief, world.body)
+        return diagram_of(world, named_controller("mpc", world.belief, world.body), meshcat)
+    wiring, scenario = Wiring(DiagramBuilder(), world), world.scenario
     if not isinstance(controller, System):
         raise InputError(
             f"the controller is a {type(controller).__name__}, not a System; "

@@ -62,14 +62,16 @@ class TouchController(LeafSystem):
         if self._covariance_port.HasValue(context):
             covariance = self._covariance_port.Eval(context).reshape(9, 9)[:6, :6]
             covariance = covariance if np.isfinite(covariance).all() else None
-        failed = self._failed_port is not None and self._failed_port.HasValue(context)
+        port, failed = self._failed_port, False
+        if port is not None and port.HasValue(context):
+            failed = bool(port.Eval(context).any())
         seen = Seen(
             context.get_time(),
             self._state_port.Eval(context),
             covariance,
             bool(np.isfinite(self._ranges_port.Eval(context)).any()),
             float(self._head_port.Eval(context)[0]),
-            failed and bool(self._failed_port.Eval(context).any()),
+            failed,
         )
         value.set_value(self.mission.step(memory, seen))
 

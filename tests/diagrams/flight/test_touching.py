@@ -1,5 +1,7 @@
 """Touch-and-goes: who may fly one, the plant that moves it, and a short one from end to end."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -65,8 +67,8 @@ def test_refused(changes: dict, controller: str, message: str) -> None:
 
 def test_a_site_by_its_direction_and_as_it_was_written() -> None:
     """A position stays as it is to the bit; and the arm points against the normal."""
-    body, north = load_body("bennu"), np.hypot(*SITE[:2])
-    where = [float(np.degrees(np.arctan2(*pair))) for pair in ((SITE[2], north), SITE[1::-1])]
+    body, (x, y, z) = load_body("bennu"), SITE
+    where = [math.degrees(math.atan2(z, math.hypot(x, y))), math.degrees(math.atan2(y, x))]
     once = with_site(low(**{"task.site": where}), body)
     assert isinstance(once.task, TouchAndGoConfig)
     assert isinstance(once.spacecraft, RigidBodyConfig)
