@@ -38,7 +38,7 @@ class FrameModel:
 
         Args:
           shape: the map. geometry: of the lidar. noise_std: of its ranges, in m.
-          map_error: of the map. half_beam: half of the angle in rad that the lidar's beams may have.
+          map_error: of the map. half_beam: half of the angle in rad that the beams may have.
         """
         self.shape, self.geometry, self.noise_std = shape, geometry, noise_std
         self.directions = geometry.directions
