@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses as dc
 import functools
+import itertools
 import math
 import typing
 import warnings
@@ -23,12 +24,13 @@ from proxops.diagrams.scenario.quantities import QUANTITIES, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
 from proxops.diagrams.scenario.sunlit import greatest_by_sun
+from proxops.diagrams.scenario.true_body import true_shape
 from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path, load_typed, read_mapping
 from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.common import InputError, check_limits, spread_directions, values_in_words
 from proxops.systems.gravity import GravityField, greatest_tide
 from proxops.systems.navigation import LidarNavigationConfig
-from proxops.systems.shapes import HEIGHT, Polyhedron, displaced
+from proxops.systems.shapes import HEIGHT, Polyhedron, displaced, greatest_gap
 from proxops.systems.vehicle import STANDARD_GRAVITY
 
 # What has a normal distribution at each time, such as a Gauss-Markov process, has no end. It is
@@ -189,6 +191,7 @@ def bounds_of_dispersions(dispersions: Dispersions) -> AssuranceBounds:
                 "such as assurance.bounds={}, and know that flights with it may enter the ellipsoid"
             )
     body = dispersions.body
+    gap, differing, shift = _mesh_differences(dispersions)
     velocity_change = _SPEEDS * dispersions.scenario.spacecraft.speed_limit_m_s
     bounds = AssuranceBounds(
         gravity=error("truth.gravity"),
@@ -198,8 +201,9 @@ def bounds_of_dispersions(dispersions: Dispersions) -> AssuranceBounds:
         mass=_mass(
             error("truth.mass"), dispersions.ends("truth.specific_impulse_s"), velocity_change
         ),
-        acceleration_m_s2=_acceleration(dispersions),
-        surface_m=_ROUGHNESS * error("truth.surface_rms_m")
+        acceleration_m_s2=_acceleration(dispersions, differing, shift),
+        surface_m=gap
+        + _ROUGHNESS * error("truth.surface_rms_m")
         + HEIGHT * error("truth.boulders.widest_m")
         + 0.5 * float(body.shape.extents.max()) * error("truth.size"),
     )
@@ -282,8 +286,11 @@ def _mass(error: float, impulses: tuple[float, float] | None, velocity_change: f
     return max(error, 1.0 - (1.0 - error) * left)
 
 
-def _acceleration(dispersions: Dispersions) -> float:
-    """The greatest acceleration in m/s^2 along an axis, other than by gravity's size and thrust."""
+def _acceleration(dispersions: Dispersions, differing: float, moved: float) -> float:
+    """The greatest acceleration in m/s^2 along an axis, other than by gravity's size and thrust.
+
+    `differing` and `moved` are of the true meshes: see `_mesh_differences`.
+    """
     end, body = dispersions.greatest_error, dispersions.body
     craft, period = dispersions.scenario.spacecraft, dispersions.scenario.control_period_s
     forces = end("truth.thrusters.least_impulse_n_s") / period
@@ -306,6 +313,7 @@ def _acceleration(dispersions: Dispersions) -> float:
         correlation,
         end("truth.size"),
     )
+    gravity, shift = gravity + differing, shift + moved
     gravity *= 1.0 + end("truth.gravity")
     spin = abs(body.spin_rate)
     error = spin * (end("truth.spin") + math.radians(math.sqrt(2.0) * end("truth.pole_deg")))
@@ -340,6 +348,36 @@ def _sunlight(dispersions: Dispersions, error: float) -> float:
     scenario = dispersions.scenario
     far = _FAR * float(dispersions.body.keep_out_semi_axes.max())
     return greatest_by_sun(scenario, (1.0 - error) * scenario.spacecraft.mass_kg, far)
+
+
+def _mesh_differences(dispersions: Dispersions) -> tuple[float, float, float]:
+    """How far true meshes are from the map in m, and how their gravity and centre of mass differ.
+
+    The latter as `_gravity_differences` gives them, for the meshes themselves.
+    """
+    truth, body = dispersions.scenario.truth, dispersions.body
+    found = [(0.0, 0.0, 0.0)]
+    units = dispersions.values_of("truth.mesh_unit") or [truth.mesh_unit]
+    any_size = any(dispersions.values_of("truth.mesh_of_any_size")) or truth.mesh_of_any_size
+    for mesh, unit in itertools.product(dispersions.values_of("truth.mesh"), units):
+        if mesh is not None:
+            other = TruthConfig(mesh=mesh, mesh_unit=unit, mesh_of_any_size=any_size)
+            axes = tuple(body.keep_out_semi_axes.tolist())
+            shape = true_shape(body, other)
+            found.append(_mesh_difference(body.shape, body.gravity_field.mass, axes, shape))
+    gap, gravity, shift = np.max(found, axis=0).tolist()
+    return gap, gravity, shift
+
+
+@functools.lru_cache(maxsize=4)
+def _mesh_difference(
+    believed: Polyhedron, mass: float, semi_axes: tuple[float, float, float], true: Polyhedron
+) -> tuple[float, float, float]:
+    places = spread_directions(_PLACES) * semi_axes
+    fields = [GravityField(shape, mass=mass) for shape in (believed, true)]
+    gravity = [field.evaluate(places).acceleration for field in fields]
+    gap, shift = greatest_gap(true, believed), float(np.linalg.norm(fields[1].centre_of_mass))
+    return gap, _GAPS * float(np.abs(gravity[1] - gravity[0]).max()), _GAPS * shift
 
 
 @functools.lru_cache(maxsize=4)

@@ -172,6 +172,14 @@ class Dispersions:
         ends, about = self.ends(key), QUANTITY[key].about
         return 0.0 if ends is None else max(abs(each - about) for each in ends)
 
+    def values_of(self, key: str) -> list[typing.Any]:
+        """Gives the values of a key that are given one by one; none if it is not dispersed so."""
+        found = self._find(key)
+        if found is None:
+            return []
+        own = found.distribution
+        return [own.same] if isinstance(own, Fixed) else [*getattr(own, "values", ())]
+
     def check(self) -> None:
         """Checks that no value can be drawn that is beyond its limits.
 

@@ -31,9 +31,9 @@ class Quantity:
 QUANTITIES = (
     Quantity("truth.gravity", 1.0, "gravity", "gravity"),
     Quantity("truth.density_contrast", 0.0, "centre_of_mass_m", "acceleration_m_s2"),
-    Quantity("truth.mesh"),
-    Quantity("truth.mesh_unit", needs="truth.mesh"),
-    Quantity("truth.mesh_of_any_size", needs="truth.mesh"),
+    Quantity("truth.mesh", bounds="surface_m"),
+    Quantity("truth.mesh_unit", bounds=HARMLESS, needs="truth.mesh"),
+    Quantity("truth.mesh_of_any_size", bounds=HARMLESS, needs="truth.mesh"),
     Quantity("truth.size", 1.0, "size", "surface_m"),
     Quantity("truth.surface_rms_m", 0.0, "surface_rms_m", "surface_m"),
     Quantity(

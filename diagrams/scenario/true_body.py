@@ -15,12 +15,13 @@ from proxops.diagrams.scenario.body import Body, apparent_gravity
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.transits import Transit, UnflyableWorldError
 from proxops.systems.common import InputError, Vector3, Vectors3
-from proxops.systems.gravity import BodyField, GravityField
+from proxops.systems.gravity import FINE_MESH, BodyField, GravityField, ScaledField, TabulatedField
 from proxops.systems.rotation import SpinModel, SteadySpin, TorqueFreeSpin
 from proxops.systems.shapes import (
     BouldersConfig,
     Polyhedron,
     displaced,
+    ellipsoidal_norms,
     registered,
     with_boulders,
 )
@@ -75,12 +76,29 @@ def make_true_body(body: Body, truth: TruthConfig, shape: Polyhedron | None = No
     axis_point = np.zeros(3)
     field = body.gravity_field
     if shape is not body.shape or truth.gravity != 1.0 or truth.density_contrast != 0.0:
-        mass = truth.gravity * body.gravity_field.mass
-        field = GravityField(shape, mass=mass, contrast=truth.density_contrast)
+        field = _true_field(body, truth, shape)
         if shape is not body.shape or truth.density_contrast != 0.0:
             axis_point = field.centre_of_mass
     spin = _true_spin(body, truth, shape)
     return TrueBody(_rocky(shape, truth.boulders), field, spin, axis_point)
+
+
+def _true_field(body: Body, truth: TruthConfig, shape: Polyhedron) -> BodyField:
+    """Gravity of a true shape: of a fine `truth.mesh` from a table of its own, otherwise exact."""
+    mass = truth.gravity * body.gravity_field.mass
+    drawn = truth.surface_rms_m > 0.0 or truth.density_contrast != 0.0
+    if truth.mesh is None or drawn or len(shape.facets) <= FINE_MESH:
+        return GravityField(shape, mass=mass, contrast=truth.density_contrast)
+    form = true_shape(body, dc.replace(truth, size=1.0))
+    table = _table_of(form, body.gravity_field.mass, tuple(body.keep_out_semi_axes.tolist()))
+    return ScaledField(table, shape, mass)
+
+
+@functools.lru_cache(maxsize=2)
+def _table_of(shape: Polyhedron, mass: float, axes: tuple[float, ...]) -> TabulatedField:
+    """The field outside an ellipsoid of the proportions of `axes` (3,), which holds the shape."""
+    held = max(1.0, 1.02 * float(ellipsoidal_norms(np.array(axes), shape.vertices).max()))
+    return TabulatedField(GravityField(shape, mass=mass), held * np.array(axes))
 
 
 def _rocky(shape: Polyhedron, boulders: BouldersConfig) -> Polyhedron:

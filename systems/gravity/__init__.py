@@ -30,6 +30,7 @@ from proxops.systems.gravity.moons import (
 )
 from proxops.systems.gravity.point_mass_field import PointMassField
 from proxops.systems.gravity.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
+from proxops.systems.gravity.scaled_field import ScaledField
 from proxops.systems.gravity.surface_maps import (
     AXES,
     PlaneCut,
@@ -37,10 +38,11 @@ from proxops.systems.gravity.surface_maps import (
     plane_cut,
     surface_map,
 )
-from proxops.systems.gravity.tabulated_field import TabulatedField
+from proxops.systems.gravity.tabulated_field import FINE_MESH, TabulatedField
 
 __all__ = [
     "AXES",
+    "FINE_MESH",
     "GRAVITATIONAL_CONSTANT",
     "PLAUSIBLE_DENSITY",
     "BodyField",
@@ -56,6 +58,7 @@ __all__ = [
     "PointMassField",
     "PolyhedralGravity",
     "PolyhedralGravity_",
+    "ScaledField",
     "TabulatedField",
     "ball",
     "effective_field",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import logging
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -15,6 +16,7 @@ import numpy as np
 
 from proxops.systems.common import InputError, Values, Vector3, Vectors3, threads_to_use
 from proxops.systems.gravity import _polyhedral_kernel as kernel
+from proxops.systems.gravity._facet_quadrature import Facets, evaluate_by_quadrature, make_facets
 from proxops.systems.gravity._far_field import fit_masses
 from proxops.systems.gravity._polyhedral_tables import Tables, make_tables
 from proxops.systems.shapes import Polyhedron, halves
@@ -162,6 +164,13 @@ class GravityField:
             columns += part.columns(points)
         return columns
 
+    def outer_columns(self, points: Vectors3) -> np.ndarray:
+        """As `columns` at points outside, but without solid angles, and within some 1e-7.
+
+        Of a mesh of tens of thousands of facets it is several times as fast.
+        """
+        return np.sum([part.outer_columns(points) for part in self._parts], axis=0)
+
 
 def as_points(points: Vectors3) -> Vectors3:
     """The points (N, 3) as float64.
@@ -183,7 +192,7 @@ class _UniformPart:
     """A polyhedron of one density: the kernel's tables and the masses of its far field."""
 
     def __init__(self, shape: Polyhedron, density: float):
-        self.mass = density * shape.volume
+        self.mass, self._shape = density * shape.volume, shape
         # The tables are relative to the centre of mass, where the sums far away cancel least.
         self.centre_of_mass = shape.centre_of_mass
         size = float(np.linalg.norm(shape.vertices - self.centre_of_mass, axis=1).max())
@@ -205,18 +214,34 @@ class _UniformPart:
 
     def columns(self, points: Vectors3) -> np.ndarray:
         """The kernel's columns (N, 14) at points (N, 3) in m in the mesh's frame."""
-        columns = np.empty((len(points), 14))
-        threads = threads_to_use() if len(points) >= _PARALLEL_FROM else 1
-        if threads == 1:
-            kernel.evaluate_points(points, *self._arguments, columns)
-            return columns
-        # More parts than threads, since points near the body take longer.
-        parts = (np.array_split(each, 4 * threads) for each in (points, columns))
-        with ThreadPoolExecutor(threads) as pool:
-            list(
-                pool.map(lambda at, out: kernel.evaluate_points(at, *self._arguments, out), *parts)
-            )
+        return _by_threads(
+            points, lambda at, out: kernel.evaluate_points(at, *self._arguments, out)
+        )
+
+    def outer_columns(self, points: Vectors3) -> np.ndarray:
+        """See `GravityField.outer_columns`."""
+        factor = self._arguments[2][0]
+        return _by_threads(
+            points, lambda at, out: evaluate_by_quadrature(at, self._facets, factor, out)
+        )
+
+    @functools.cached_property
+    def _facets(self) -> Facets:
+        return make_facets(self._shape)
+
+
+def _by_threads(points: Vectors3, evaluate: Callable[[np.ndarray, np.ndarray], None]) -> np.ndarray:
+    """The columns (N, 14) that a kernel fills at points (N, 3)."""
+    columns = np.empty((len(points), 14))
+    threads = threads_to_use() if len(points) >= _PARALLEL_FROM else 1
+    if threads == 1:
+        evaluate(points, columns)
         return columns
+    # More parts than threads, since points near the body take longer.
+    parts = (np.array_split(each, 4 * threads) for each in (points, columns))
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(evaluate, *parts))
+    return columns
 
 
 def _uniform_bodies(

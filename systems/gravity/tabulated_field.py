@@ -20,13 +20,18 @@ from proxops.systems.gravity import _table_kernel as kernel
 from proxops.systems.gravity._far_field import SWITCH, fit_masses
 from proxops.systems.gravity._harmonic_boxes import DEGREE, Boxes, entries, make_boxes, recursion
 from proxops.systems.gravity.gravity_field import Gravity, GravityField, as_points
-from proxops.systems.shapes import ellipsoidal_norms
+from proxops.systems.shapes import Polyhedron, ellipsoidal_norms
 
 # Of the files on disk, and their kind. Whoever changes how a table is made, or a last bit of the
 # exact field, raises the format.
 _FORMAT, _KIND = 2, "gravity"
 # Below the first, rounding is no longer small against the bound.
 _ERRORS = (1e-11, 1e-2)
+# The bound, of a mesh with at most so many facets and of one with more; and the bound from which
+# the table of the latter is made by quadrature.
+FINE_MESH = 10_000
+"""A mesh with more facets is fine: its exact field takes milliseconds."""
+_USUAL, _FINE_USUAL, _BY_QUADRATURE = 1e-9, 1e-6, 5e-7
 _log = logging.getLogger(__name__)
 
 
@@ -41,23 +46,26 @@ class TabulatedField:
     energy. Outside a cube with an edge of 20 radii, the field is that of point masses.
 
     The table is made at the first use on a machine and kept in the user's cache folder. It depends
-    on body, mass, contrast, semi-axes and bound alone.
+    on body, mass, contrast, semi-axes and bound alone. Of a mesh with more than 10,000 facets it is
+    made by quadrature, if the bound permits.
     """
 
     def __init__(
-        self, field: GravityField, semi_axes: np.ndarray, relative_error: float = 1e-9
+        self, field: GravityField, semi_axes: np.ndarray, relative_error: float | None = None
     ) -> None:
         """Takes the exact field and the semi-axes (3,) in m of an ellipsoid about the origin.
 
         Args:
           field: of a body within the ellipsoid. semi_axes: along x, y, z.
-          relative_error: the bound, from 1e-11 to 1e-2.
+          relative_error: the bound, from 1e-11 to 1e-2; None: 1e-9, and 1e-6 of a mesh with more
+            than 10,000 facets.
 
         Raises:
           InputError: the body sticks out of the ellipsoid, or a value is out of range.
         """
         axes = checked_semi_axes("TabulatedField: the ellipsoid", semi_axes)
         low, high = _ERRORS
+        relative_error = _bound(field.shape, relative_error)
         if not low <= relative_error <= high:
             raise InputError(
                 f"TabulatedField: relative_error must be from {low:g} to {high:g}, "
@@ -80,12 +88,15 @@ class TabulatedField:
         """What `proxops.systems.gravity.gravity_at` takes, in other compiled functions too."""
 
     @staticmethod
-    def is_kept(field: GravityField, semi_axes: np.ndarray, relative_error: float = 1e-9) -> bool:
+    def is_kept(
+        field: GravityField, semi_axes: np.ndarray, relative_error: float | None = None
+    ) -> bool:
         """Whether this machine has the table already, so that nobody waits for it.
 
         Args: as those of the constructor.
         """
-        return _kept_boxes(_name_of(field, semi_axes, relative_error)) is not None
+        bound = _bound(field.shape, relative_error)
+        return _kept_boxes(_name_of(field, semi_axes, bound)) is not None
 
     def evaluate(self, points: Vectors3) -> Gravity:
         """The field at points (N, 3) in m."""
@@ -102,6 +113,12 @@ class TabulatedField:
         return Gravity(columns[:, 0], columns[:, 1:4], gradient, inside)
 
 
+def _bound(shape: Polyhedron, error: float | None) -> float:
+    if error is not None:
+        return float(error)
+    return _USUAL if len(shape.facets) <= FINE_MESH else _FINE_USUAL
+
+
 def _name_of(field: GravityField, axes: Iterable[float], error: float) -> str:
     numbers = map(float, (field.mass, field.contrast, *axes, error))
     return name_of(_FORMAT, field.shape.sha256, *numbers)
@@ -114,12 +131,16 @@ def _boxes(field: GravityField, axes: tuple[float, ...], error: float, half: flo
     name = _name_of(field, axes, error)
     boxes = _kept_boxes(name)
     if boxes is None:
+        fine = len(field.shape.facets) > FINE_MESH
         # A warning, as of all that somebody may wait for without knowing why.
         _log.warning(
-            "making the gravity table of %s (once on this machine, up to a minute)",
+            "making the gravity table of %s (once on this machine, up to %s)",
             field.shape.name,
+            "three minutes" if fine else "a minute",
         )
-        boxes = make_boxes(field.columns, np.array(axes), half, error)
+        by_quadrature = fine and error >= _BY_QUADRATURE
+        evaluate = field.outer_columns if by_quadrature else field.columns
+        boxes = make_boxes(evaluate, np.array(axes), half, error)
         keep_arrays(_KIND, name, boxes._asdict())
     else:
         _log.info("the gravity table of %s is read from the cache", field.shape.name)

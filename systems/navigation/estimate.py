@@ -108,7 +108,7 @@ def sigmas(expected: ExpectedErrors, spin: Vector3) -> Values:
         (SIZE, expected.size),
         (LIDAR_BIAS, expected.lidar_bias_m),
         (LIDAR_SCALE, expected.lidar_scale),
-        (HALF_BEAM, 0.5 * expected.beam_width_rad),
+        (HALF_BEAM, expected.half_beam),
     ):
         sigma[where] = value
     return sigma

@@ -58,3 +58,8 @@ class ExpectedErrors:
     lidar_bias_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
     lidar_scale: float = number(0.0, at_least=0.0, at_most=1e3)
     beam_width_rad: float = number(0.0, at_least=0.0, at_most=0.1, unit="rad")
+
+    @property
+    def half_beam(self) -> float:
+        """Half of the angle of the lidar's beams, in rad: by it ranges are in error."""
+        return 0.5 * self.beam_width_rad

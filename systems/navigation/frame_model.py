@@ -32,19 +32,19 @@ class FrameModel:
         geometry: LidarGeometry,
         noise_std: float,
         map_error: MapError,
-        beam_width: float = 0.0,
+        half_beam: float = 0.0,
     ):
         """Takes the map, the lidar's geometry and range noise in m, and what may be wrong.
 
         Args:
           shape: the map. geometry: of the lidar. noise_std: of its ranges, in m.
-          map_error: of the map. beam_width: full angle in rad that the lidar's beams may have.
+          map_error: of the map. half_beam: half of the angle in rad that the beams may have.
         """
         self.shape, self.geometry, self.noise_std = shape, geometry, noise_std
         self.directions = geometry.directions
         self.map_error = map_error
         rest = map_error.rest + map_error.relief**2  # One of them is 0.
-        self._range_errors = RangeErrors(float(noise_std), float(rest), 0.5 * float(beam_width))
+        self._range_errors = RangeErrors(float(noise_std), float(rest), float(half_beam))
         self._farthest = geometry.max_range * 1.001
         self.normals = shape.normals
         self._surface = Surface(shape.normals, np.array(shape.facets), map_error.table)

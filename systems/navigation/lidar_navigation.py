@@ -132,7 +132,7 @@ class LidarNavigation(LeafSystem):
         if map_error is None:
             map_error = MapError(shape, said.surface_rms_m, said.surface_correlation_m)
         map_error = map_error.with_relief(said.relief_rms_m, said.relief_correlation_m)
-        self.model = FrameModel(shape, geometry, noise_std, map_error, self.expected.beam_width_rad)
+        self.model = FrameModel(shape, geometry, noise_std, map_error, self.expected.half_beam)
         low_orbit = math.sqrt(GRAVITATIONAL_CONSTANT * field.mass / shape.extents.max())
         self._navigator = Navigator(
             self.model,

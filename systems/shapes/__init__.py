@@ -37,7 +37,7 @@ from proxops.systems.shapes.mesh_repair import repair_mesh
 from proxops.systems.shapes.plane_split import halves
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.ray_casting import RayCaster, RayFan, ray_caster
-from proxops.systems.shapes.registration import registered
+from proxops.systems.shapes.registration import greatest_gap, registered
 from proxops.systems.shapes.self_intersection import self_intersections
 from proxops.systems.shapes.shape_files import (
     MESH_FORMATS,
@@ -68,6 +68,7 @@ __all__ = [
     "ellipsoidal_norms",
     "find_defects",
     "flat_facets",
+    "greatest_gap",
     "halves",
     "mass_properties",
     "mesh_bytes",

@@ -14,6 +14,7 @@ HEIGHT, DEPTH = 0.4, 0.1
 0.4 times as high as long, and buried in part (Michikami et al. 2019, Icarus 331, 179)."""
 # A form is this many edges of the mesh wide, at least; and the most facets of a mesh.
 _EDGES, _MOST_FACETS = 2.0, 100_000
+_MOST_FORMS = 1_000_000
 # The correlation length over the width: half of a form's height is left there.
 _LIKE = 0.35
 
@@ -40,11 +41,20 @@ class BouldersConfig:
 
 
 def widths(widest: float, narrowest: float, index: float) -> Values:
-    """Widths (N,) in m: of them, as many are wider than d as (d / widest) ^ -index."""
+    """Widths (N,) in m: of them, as many are wider than d as (d / widest) ^ -index.
+
+    Raises:
+      InputError: they are more than a million.
+    """
     if widest < narrowest:
         return np.zeros(0)
-    count = int((widest / narrowest) ** index)
-    return widest * np.arange(1, count + 1) ** (-1.0 / index)
+    count = (widest / narrowest) ** index
+    if count > _MOST_FORMS:
+        raise InputError(
+            f"truth.boulders: {count:.3g} boulders or craters are between {narrowest:g} and "
+            f"{widest:g} m wide: take a greater narrowest_m, or less wide ones"
+        )
+    return widest * np.arange(1, int(count) + 1) ** (-1.0 / index)
 
 
 def relief_of(boulders: BouldersConfig, shape: Polyhedron) -> tuple[float, float]:
@@ -78,8 +88,13 @@ def with_boulders(shape: Polyhedron, boulders: BouldersConfig) -> Polyhedron:
     Their mean height is 0: the map is the mean surface.
 
     Raises:
-      InputError: the narrowest are too narrow for a mesh.
+      InputError: they are too narrow for a mesh, too many, or wider than the body.
     """
+    widest, size = max(boulders.widest_m, boulders.crater_widest_m), float(shape.extents.max())
+    if widest > size:
+        raise InputError(
+            f"truth.boulders: {widest:g} m is wider than {shape.name}, which measures {size:.3g} m"
+        )
     fine = _finer(shape, boulders.narrowest_m / _EDGES)
     normals, weights = vertex_normals(fine)
     rng, tree = generator(boulders.seed, 0), KDTree(fine.vertices)

@@ -1,4 +1,4 @@
-"""`registered`: another mesh of the same body, moved rigidly onto the map."""
+"""`registered`: another mesh of the same body, moved onto the map; `greatest_gap`: how far off."""
 
 from __future__ import annotations
 
@@ -63,10 +63,26 @@ def registered(mesh: Polyhedron, onto: Polyhedron) -> Polyhedron:
     )
 
 
+def greatest_gap(mesh: Polyhedron, onto: Polyhedron) -> float:
+    """The greatest distance in m of a mesh's vertices from another mesh of the body."""
+    tree = KDTree(onto.vertices[onto.facets].mean(axis=1))
+    return float(_nearest_facets(onto, tree, mesh.vertices)[1].max())
+
+
 def _nearest_planes(
     onto: Polyhedron, tree: KDTree, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The normal (N, 3) of the facet nearest to each point, and the height (N,) over its plane."""
+    nearest, _ = _nearest_facets(onto, tree, points)
+    normals = onto.normals[nearest]
+    start = onto.vertices[onto.facets[nearest, 0]]
+    return normals, np.einsum("ni,ni->n", points - start, normals)
+
+
+def _nearest_facets(
+    onto: Polyhedron, tree: KDTree, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The facet (N,) nearest to each point, and the distance (N,) of it."""
     import trimesh  # It is slow to import, so only when it is needed.
 
     count = min(_CANDIDATES, len(onto.facets))
@@ -74,7 +90,6 @@ def _nearest_planes(
     corners = onto.vertices[onto.facets[near.ravel()]]
     feet = trimesh.triangles.closest_point(corners, np.repeat(points, count, axis=0))
     gaps = np.linalg.norm(feet.reshape(-1, count, 3) - points[:, None], axis=2)
-    nearest = np.take_along_axis(near, gaps.argmin(axis=1)[:, None], axis=1)[:, 0]
-    normals = onto.normals[nearest]
-    start = onto.vertices[onto.facets[nearest, 0]]
-    return normals, np.einsum("ni,ni->n", points - start, normals)
+    chosen = gaps.argmin(axis=1)[:, None]
+    nearest = np.take_along_axis(near, chosen, axis=1)[:, 0]
+    return nearest, np.take_along_axis(gaps, chosen, axis=1)[:, 0]

@@ -17,6 +17,7 @@ from proxops.diagrams.scenario.true_body import make_true_body
 from proxops.diagrams.scenario.world import draw_world
 from proxops.systems import InputError
 from proxops.systems.assurance import AssuranceBounds
+from proxops.systems.shapes import Polyhedron, vertex_normals
 from proxops.systems.vehicle.attitude_error import believed_axes
 
 # Everything that a bound is made of, but what changes gravity, which takes longer.
@@ -203,6 +204,36 @@ def test_a_section_that_only_the_draw_makes_has_its_defaults(tmp_path: Path) -> 
     assert bounds.acceleration_m_s2 == pytest.approx(4.0 * 0.7 / 100.0)
 
 
+def test_a_true_mesh_is_bounded_by_its_distance_and_its_gravity(tmp_path: Path) -> None:
+    """The map with one vertex pulled out, and the map turned about z, which is turned back."""
+    shape = kleopatra().shape
+    normals, _ = vertex_normals(shape)
+    points = shape.vertices.copy()
+    points[7] += 900.0 * normals[7]
+    for name, places in (
+        ("peak.obj", points),
+        ("turned.obj", Rotation.from_rotvec([0.0, 0.0, 0.01]).apply(shape.vertices.copy())),
+    ):
+        Polyhedron(places, shape.facets).to_trimesh().export(tmp_path / name)
+    files = "truth.mesh: {choice: [peak.obj, turned.obj]}\ntruth.mesh_unit: m\n"
+    bounds = bounds_of(f"assurance={{bounds: {write(tmp_path, files)}}}", TRUE_STATE)
+    assert bounds.surface_m == pytest.approx(900.0, rel=0.02)
+    assert 0.0 < bounds.acceleration_m_s2 < 1e-5
+    # A scenario's own mesh counts, too, and is no more than what was said.
+    scenario = load_scenario(
+        None,
+        {
+            "truth.mesh": str(tmp_path / "peak.obj"), "truth.mesh_unit": "m",
+            "assurance": {"bounds": {"surface_m": 950.0, "acceleration_m_s2": 1e-4}},
+        },
+    )  # fmt: skip
+    draw_world(scenario, kleopatra())
+    assert scenario.assurance is not None
+    scenario.assurance.bounds = AssuranceBounds(surface_m=800.0, acceleration_m_s2=1e-4)
+    with pytest.warns(UserWarning, match=r"surface_m 800 \(up to 89"):
+        draw_world(scenario, kleopatra())
+
+
 def test_warns_of_what_may_exceed_the_bounds(tmp_path: Path) -> None:
     path = write(tmp_path, DISPERSIONS)
     for overrides, words in (
@@ -223,7 +254,7 @@ def test_warns_of_what_may_exceed_the_bounds(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("truth.mesh: {choice: [a.obj, b.obj]}", r"truth\.mesh has no end"),
+        ("truth.tumbles: {choice: [true, false]}", r"truth\.tumbles has no end"),
         ("disturbance.max_relative_magnitude: {choice: [0.0, 2.0]}", "up to 2 times the command"),
         (
             "truth.thrusters.scale: {uniform: [0.0, 1.0]}",

@@ -14,11 +14,12 @@ from proxops.diagrams.scenario.quantities import HARMLESS, Quantity
 from proxops.systems.assurance import AssuranceBounds
 from proxops.systems.common import InputError
 from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig
+from proxops.systems.shapes import Polyhedron
 
 SECTIONS = ("truth.", "disturbance.", "force_noise.", "kicks.")
 # Values that are no spread about what is believed.
 SPREADS = {
-    "truth.mesh": "{choice: [a.obj]}",
+    "truth.mesh": "{choice: [a.obj]}\ntruth.mesh_unit: m",
     "truth.mesh_unit": "{choice: [m, km]}",
     "truth.mesh_of_any_size": "{choice: [true]}",
     "truth.thrusters.failed_axis": "{choice: [x, none]}",
@@ -34,6 +35,8 @@ SPREADS = {
 
 def dispersed(quantity: Quantity, folder: Path, **changes: object) -> World:
     """A world of dispersions of one quantity alone."""
+    shape = kleopatra().shape
+    Polyhedron(1.001 * shape.vertices, shape.facets).to_trimesh().export(folder / "a.obj")
     spread = SPREADS.get(quantity.key)
     if spread is None:
         default = default_at(quantity.key)

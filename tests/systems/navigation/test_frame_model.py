@@ -41,7 +41,7 @@ def egg() -> Polyhedron:
 
 
 def model(shape: Polyhedron, map_error: MapError | None = None, beam: float = 0.0) -> FrameModel:
-    return FrameModel(shape, GEOMETRY, 5.0, map_error or MapError(shape), beam)
+    return FrameModel(shape, GEOMETRY, 5.0, map_error or MapError(shape), 0.5 * beam)
 
 
 def estimate(modes: int = 0) -> Estimate:
