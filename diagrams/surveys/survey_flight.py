@@ -89,8 +89,10 @@ def around_of(scenario: Scenario, body: Body) -> Around:
             f"task.reach_m: the lidar never sees the body: it reaches {reach:.4g} m, and the "
             f"survey starts up to {start:.4g} m away"
         )
-    white = math.hypot(errors.varying, 0.3 * errors.acceleration)
-    return Around(axes, gm, errors.gravity, body.spin_about_z, radius, white, errors.varying_time)
+    return Around(
+        axes, gm, errors.gravity, body.spin_about_z, radius, errors.acceleration, errors.varying,
+        errors.varying_time,
+    )  # fmt: skip
 
 
 def survey_world(scenario: Scenario, body: Body) -> World:
