@@ -44,7 +44,7 @@ from proxops.diagrams.scenario.spacecraft_model import (
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
 from proxops.diagrams.scenario.sunlit import facets_of
 from proxops.diagrams.scenario.survey_expectations import survey_errors
-from proxops.diagrams.scenario.tasks import SurveyConfig
+from proxops.diagrams.scenario.tasks import EnoughConfig, SurveyConfig
 from proxops.diagrams.scenario.touchable import site_world, touch_craft
 from proxops.diagrams.scenario.transits import (
     Transit,

@@ -85,10 +85,9 @@ def true_in(
     placed = Polyhedron(moved, true.shape.facets, "truth")
     placed = registered(placed, made.shape)
     # The motion is rigid: fit it.
-    a, b = true.shape.vertices, placed.vertices
-    u, _, v = np.linalg.svd((a - a.mean(axis=0)).T @ (b - b.mean(axis=0)))
-    whole = v.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(v.T @ u.T))]) @ u.T
-    centre = whole @ (true.axis_point - a.mean(axis=0)) + b.mean(axis=0)
+    a, b = true.shape.vertices.mean(axis=0), placed.vertices.mean(axis=0)
+    motion, _ = Rotation.align_vectors(placed.vertices - b, true.shape.vertices - a)
+    whole, centre = motion.as_matrix(), motion.apply(true.axis_point - a) + b
     return placed, whole @ true.spin.rate, centre
 
 
@@ -125,7 +124,7 @@ def expected_entries(
     def normal(mean: float, sigma: float) -> dict[str, object]:
         return {"normal": mean, "three_sigma": float(3.0 * sigma), "source": source}
 
-    deviation = float(np.sqrt(np.mean(uncertainty.deviations**2)))
+    deviation = uncertainty.rms
     rough = float(max(1.5 * deviation, _LEAST["surface"] * size))
     # The centre of mass is the origin of B, and the map's centre is where density is uniform.
     trial = GravityField(body.shape, mass=body.config.mass_kg, contrast=0.1).centre_of_mass
@@ -225,16 +224,13 @@ def survey_figures(
     match = matched(made.shape.vertices, true.vertices, true.facets)
     feet = np.einsum("kc,kci->ki", match.places, true.vertices[true.facets[match.facets]])
     off = np.linalg.norm(made.shape.vertices - feet, axis=1)
-    areas = np.linalg.norm(np.cross(*_edges(made.shape)), axis=1)
-    weights = np.bincount(made.shape.facets.ravel(), np.repeat(areas, 3), len(off))
-    weights /= weights.sum()
-    seen = uncertainty.counts >= 3.0
+    weights = uncertainty.weights
     return {
         "map_rms_of_size": float(np.sqrt(weights @ off**2)) / size,
         "map_bias_of_size": float(weights @ (off * np.sign(match.heights))) / size,
         "within_3_sigma": float(weights @ (off <= 3.0 * uncertainty.deviations)),
-        "deviation_of_size": float(np.sqrt(weights @ uncertainty.deviations**2)) / size,
-        "covered": float(weights @ seen),
+        "deviation_of_size": uncertainty.rms / size,
+        "covered": uncertainty.covered,
         "gravity_error": 1.0 / truth.gravity - 1.0,
         "gravity_deviation": uncertainty.gravity,
         "pole_error_deg": math.hypot(*truth.pole_deg),
@@ -248,17 +244,14 @@ def survey_figures(
         "delta_v_m_s": flight.delta_v,
         "orbit_delta_v_m_s": float(np.abs(flight.returns.thrusts).sum() * _period(flight)),
         "least_clearance_m": flight.clearance,
+        "keep_out_entries": flight.entries,
+        "hours": flight.hours,
         "collided": flight.collided,
     }
 
 
 def _period(flight: SurveyFlight) -> float:
     return float(np.median(np.diff(flight.returns.times)))
-
-
-def _edges(shape: Polyhedron) -> tuple[np.ndarray, np.ndarray]:
-    corners = shape.vertices[shape.facets]
-    return corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
 
 
 def _plain(value: object) -> object:

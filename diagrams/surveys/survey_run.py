@@ -8,19 +8,35 @@ from typing import Any
 
 import numpy as np
 
-from proxops.diagrams.scenario import Body, Scenario, World, dump_scenario, survey_errors
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    SurveyConfig,
+    World,
+    dump_scenario,
+    survey_errors,
+)
 from proxops.diagrams.surveys.survey_files import write_survey
 from proxops.diagrams.surveys.survey_flight import (
+    Flying,
     SurveyFlight,
     around_of,
-    fly_survey,
     survey_world,
-)  # fmt: skip
+)
 from proxops.systems.common import InputError, Progress, make_folder, part_of, silent, write_whole
-from proxops.systems.mapping import Expected, Returns, estimated, map_uncertainty
+from proxops.systems.mapping import (
+    Estimated,
+    Expected,
+    MapUncertainty,
+    Returns,
+    estimated,
+    map_uncertainty,
+)
 
 _FLIGHT = "survey.npz"
-_FIGURES = ("orbit_time", "delta_v", "clearance", "collided")
+_FIGURES = ("orbit_time", "delta_v", "clearance", "entries", "hours", "seen", "collided")
+# It flies so much longer if its map is not good enough yet, over the most time.
+_LONGER = 0.34
 
 
 def run_survey(
@@ -41,22 +57,59 @@ def run_survey(
       InputError: the survey cannot be flown or saw too little; or the folder cannot be written.
     """
     make_folder(folder)
-    started = time.perf_counter()
-    flight = _kept(folder / _FLIGHT, scenario, body)
-    if flight is None:
-        flight = fly_survey(scenario, body, part_of(progress, 0.0, 0.5))
-        _keep(folder / _FLIGHT, flight, scenario)
-    flown = time.perf_counter()
+    task = scenario.task
+    assert isinstance(task, SurveyConfig)
+    flight, flying, times = _kept(folder / _FLIGHT, scenario, body), None, [0.0, 0.0]
+    done, hours = 0.0, _LONGER * task.hours
+    try:
+        while True:
+            started = time.perf_counter()
+            if flight is None:
+                flying = flying or Flying(scenario, body)
+                flight = flying.fly(hours, part_of(progress, done, done + 0.2))
+                _keep(folder / _FLIGHT, flight, scenario)
+            flown = time.perf_counter()
+            found, uncertainty = _found(
+                flight, scenario, body, part_of(progress, done + 0.2, done + 0.3)
+            )
+            times = [times[0] + flown - started, times[1] + time.perf_counter() - flown]
+            if _is_enough(flight, found, uncertainty, task):
+                break
+            flight, hours = None, flight.hours + _LONGER * task.hours
+            done = min(done + 0.3, 0.7)
+    finally:
+        if flying is not None:
+            flying.close()
+    progress(0.99, "writing")
+    name = f"{body.config.name}, surveyed"
+    figures = dict(zip(("flight_s", "estimation_s"), times, strict=True))
+    return write_survey(folder, scenario, flight, found, uncertainty, name, figures)
+
+
+def _found(
+    flight: SurveyFlight, scenario: Scenario, body: Body, progress: Progress
+) -> tuple[Estimated, MapUncertainty]:
+    """What the frames of a flight show."""
     around, expected = flight.around, told_errors(scenario, flight.world, body)
     found = estimated(
-        flight.returns, around.semi_axes, around.gm, around.rate, expected,
-        part_of(progress, 0.5, 0.9),
-    )  # fmt: skip
-    progress(0.9, "what is uncertain where")
-    uncertainty = map_uncertainty(found.survey, found.solution, found.returns)
-    times = {"flight_s": flown - started, "estimation_s": time.perf_counter() - flown}
-    name = f"{body.config.name}, surveyed"
-    return write_survey(folder, scenario, flight, found, uncertainty, name, times)
+        flight.returns, around.semi_axes, around.gm, around.rate, expected, progress
+    )
+    return found, map_uncertainty(found.survey, found.solution, found.returns)
+
+
+def _is_enough(
+    flight: SurveyFlight, found: Estimated, uncertainty: MapUncertainty, task: SurveyConfig
+) -> bool:
+    """Whether the map is good enough, by what the survey says itself, or the time is over."""
+    enough = task.enough
+    if enough is None or flight.hours >= task.hours:
+        return True
+    size = float(np.ptp(found.survey.vertices, axis=0).max())
+    return (
+        uncertainty.covered >= enough.covered
+        and uncertainty.rms <= enough.deviation_of_size * size
+        and uncertainty.gravity <= enough.gravity
+    )
 
 
 def told_errors(scenario: Scenario, world: World, body: Body) -> Expected:

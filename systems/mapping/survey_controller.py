@@ -20,25 +20,35 @@ from proxops.systems.mapping.survey_filter import (
     first_seen,
     predicted,
 )
+from proxops.systems.mapping.spheres import sphere
 
 # The orbit is at least this steep to the equator, as the cosine.
 _COSINE = math.cos(math.radians(60.0))
 # Beyond this many radii of its orbit it flies towards it; then it makes its orbit round.
-_NEAR = 1.6
+_NEAR = 1.7
 # It falls at least at this share of the speed of a round orbit.
 _FALLING = 0.2
 # Of a free orbit that is left alone, over the radius; and of one after a correction.
-_LOWEST, _HIGHEST = 0.82, 1.4
-_LOW, _HIGH = 0.9, 1.25
+_LOWEST, _HIGHEST = 0.8, 1.6
+_LOW, _HIGH = 0.85, 1.5
+# It passes the body at most at this share of the radius, and out of the plane that it should fly in
+# by no more than this cosine.
+_PASS, _FLAT = 1.3, 0.985
 # It corrects what is more than this share of the speed of its orbit off, and this many deviations.
 _BAND, _SURE = 0.02, 1.0
 # Beyond this deviation, over the speed of its orbit, it waits until it knows its velocity.
-_LOST = 0.6
+_LOST = 0.15
 # Returns of a frame that show where the body is.
 _FEWEST = 6
-# The filter's mean and covariance, whether the body was seen, and how long the orbit is kept.
+# A free orbit whose lowest point is within so many radii of the keep-out sphere is left at once.
+_GUARD = 1.3
+# A part of the surface is seen if so many returns came from it.
+_ENOUGH = 150
+# The filter's mean and covariance, whether the body was seen, how long the orbit is kept, and how
+# many returns each part of the surface had.
 _SEEN = STATES + STATES**2
 _KEPT = _SEEN + 1
+_COUNTS = _KEPT + 1
 
 
 class SurveyController(LeafSystem):
@@ -71,7 +81,8 @@ class SurveyController(LeafSystem):
         self.around, self._directions = around, directions
         self._mass, self._thrust, self._period = mass, thrust, period
         self._ranges = self.DeclareVectorInputPort("ranges", len(directions))
-        self.DeclareDiscreteState(np.zeros(_KEPT + 1))
+        self._parts = sphere(2).vertices
+        self.DeclareDiscreteState(np.zeros(_COUNTS + len(self._parts)))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
         self.DeclareVectorOutputPort(
             "force",
@@ -84,6 +95,10 @@ class SurveyController(LeafSystem):
         """How long the orbit has been kept, in s."""
         return float(context.get_discrete_state(0).value()[_KEPT])
 
+    def seen(self, context) -> float:
+        """Which share of the surface it has seen often, as far as it knows where it was."""
+        return float(np.mean(context.get_discrete_state(0).value()[_COUNTS:] >= _ENOUGH))
+
     def _calc_force(self, context, output):
         output.SetFromVector(self._force(context.get_time(), context.get_discrete_state(0).value()))
 
@@ -95,38 +110,50 @@ class SurveyController(LeafSystem):
         circular = math.sqrt(float(flown.mean[GM][0]) / self.around.radius)
         if flown.unsure > _LOST * circular:
             return np.zeros(3)
-        if np.linalg.norm(off) < _BAND * circular + _SURE * flown.unsure:
+        unsure = _BAND * circular + _SURE * flown.unsure
+        if np.linalg.norm(off) < unsure and not self._is_low(flown):
             return np.zeros(3)
         force = self.around.turn(time).T @ (off * self._mass / self._period)
         return force / max(1.0, float(np.abs(force).max()) / self._thrust)
 
+    def _is_low(self, flown: Flown) -> bool:
+        """Whether it is near and falls towards the keep-out sphere."""
+        place, velocity = flown.mean[PLACE], flown.mean[VELOCITY]
+        low, _ = _ends(place, velocity, float(flown.mean[GM][0]))
+        near = float(np.linalg.norm(place)) < _NEAR * self.around.radius
+        return near and float(velocity @ place) < 0.0 and low < _GUARD * self.around.keep_out
+
     def _update(self, context, discrete):
         time, values = context.get_time(), context.get_discrete_state(0).value().copy()
         around, turn = self.around, self.around.turn(time)
-        middle, count = self._middle(turn, self._ranges.Eval(context))
+        middle, rays = self._middle(turn, self._ranges.Eval(context))
         thrust = turn @ self._force(time, values) / self._mass
         flown = None if values[_SEEN] == 0.0 else _flown(values)
         if flown is None:
             flown = None if middle is None else first_seen(around, middle)
         elif middle is not None:
-            flown = corrected(flown, around, middle, count)
+            flown = corrected(flown, around, middle, len(rays))
         if flown is not None:
             near = np.linalg.norm(flown.mean[PLACE]) < _NEAR * around.radius
             values[_KEPT] += self._period if near or values[_KEPT] > 0.0 else 0.0
+            ways = (flown.mean[PLACE] + rays) @ turn @ self._parts.T
+            values[_COUNTS:] += np.bincount(ways.argmax(axis=1), minlength=len(self._parts))
             flown = predicted(flown, around, time, thrust, self._period)
             values[:_KEPT] = np.r_[flown.mean, flown.covariance.ravel(), 1.0]
         discrete.get_mutable_vector(0).SetFromVector(values)
 
-    def _middle(self, turn: np.ndarray, ranges: Values) -> tuple[Vector3 | None, int]:
-        """Where the spacecraft is from the body's middle (3,) in N, and by how many returns."""
+    def _middle(self, turn: np.ndarray, ranges: Values) -> tuple[Vector3 | None, Vectors3]:
+        """Where the spacecraft is from the body's middle (3,) in N, and the rays (K, 3) in m in N
+        that show it.
+        """
         seen = np.flatnonzero(np.isfinite(ranges))
         if len(seen) < _FEWEST:
-            return None, 0
+            return None, np.zeros((0, 3))
         rays = (self._directions[seen] * ranges[seen, None]) @ turn.T
         rays = rays[densest(rays, self.around.longest)]
         if len(rays) < _FEWEST:
-            return None, 0
-        return middle_of(rays, self.around.semi_axes, turn), len(rays)
+            return None, np.zeros((0, 3))
+        return middle_of(rays, self.around.semi_axes, turn), rays
 
 
 def _flown(values: Values) -> Flown:
@@ -145,16 +172,20 @@ def wanted_velocity(state: Values, radius: float) -> Vector3:
     place, velocity, gm = state[PLACE], state[VELOCITY], float(state[GM][0])
     distance = float(np.linalg.norm(place))
     up = place / distance
-    normal = orbit_normal(up, np.cross(place, velocity))
+    momentum = np.cross(place, velocity)
+    normal = orbit_normal(up, momentum)
     along = np.cross(normal, up)
+    falling = -_FALLING * math.sqrt(gm / distance)
+    low, high = _ends(place, velocity, gm)
     if distance > _NEAR * radius:
+        steep = abs(float(normal @ momentum)) > _FLAT * float(np.linalg.norm(momentum))
+        if steep and _LOWEST * radius < low < _PASS * radius and velocity @ up < falling:
+            return velocity
         # It falls at least so fast: a flight from afar would take weeks.
-        falling = -_FALLING * math.sqrt(gm / distance)
         radial = min(float(velocity @ up), falling)
         energy = radial**2 + 2.0 * gm * (1.0 / radius - 1.0 / distance)
         across = math.sqrt(energy / ((distance / radius) ** 2 - 1.0))
         return radial * up + across * along
-    low, high = _ends(place, velocity, gm)
     falls = float(velocity @ up) < 0.0
     sound, bound = low > _LOWEST * radius, high < _HIGHEST * radius
     # The highest place of an orbit is changed at the lowest for the least, and the other way round.

@@ -37,6 +37,8 @@ class Around(NamedTuple):
     """Spin rate about z in rad/s."""
     radius: float
     """Of the orbit in m."""
+    keep_out: float
+    """Radius in m of a sphere that holds any body that the ellipsoid permits: nothing enters it."""
     constant: float
     """One standard deviation in m/s^2 of a constant acceleration in B, along each axis."""
     varying: float

@@ -18,7 +18,8 @@ from proxops.systems.mapping.survey_fit import (
     Solution,
     Survey,
     matched,
-)  # fmt: skip
+)
+from proxops.systems.shapes import Surface, rigid_motions, vertex_normals
 
 # Vertices whose own errors are computed at once.
 _BLOCK = 512
@@ -51,6 +52,18 @@ class MapUncertainty(NamedTuple):
     """Of the spin rate, over the rate."""
     acceleration: float
     """Of the constant acceleration, in m/s^2."""
+    weights: Values
+    """(V,): share of each vertex in the area of the map."""
+
+    @property
+    def covered(self) -> float:
+        """Share of the surface that has returns."""
+        return float(self.weights @ (self.counts >= _FEWEST))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square in m of the deviations over the surface."""
+        return float(np.sqrt(self.weights @ self.deviations**2))
 
 
 @one_thread()
@@ -75,7 +88,8 @@ def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> Map
     places = np.concatenate([np.ones((len(vertices), 1)), vertices / size], axis=1)
     affine = (places[:, :, None] * solution.outward[:, None]).reshape(-1, 12)
     moving[:, tail:][:, AFFINE] += affine
-    moving = _without_rigid(moving, vertices, solution.outward)
+    rigid = rigid_motions(vertices, solution.outward, vertices.mean(axis=0), size)
+    moving -= rigid @ np.linalg.lstsq(rigid, moving)[0]
     values, vectors = np.linalg.eigh(0.5 * (solution.covariance + solution.covariance.T))
     table = moving @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     left, singular, _ = np.linalg.svd(table, full_matrices=False)
@@ -89,20 +103,14 @@ def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> Map
     spread = np.sqrt(_DOUBT**2 * own + coarse**2)
     deviations = np.sqrt(spread**2 + np.einsum("vm,vm->v", table, table))
     edges = np.linalg.norm(vertices[facets] - vertices[np.roll(facets, -1, axis=1)], axis=2)
+    areas = vertex_normals(Surface(vertices, facets))[1]
     sigma = np.sqrt(np.diag(solution.covariance)[tail:])
     return MapUncertainty(
         deviations, table, float(np.median(spread) ** 2), float(np.mean(edges)), counts,
         float(sigma[GRAVITY][0] / survey.gm), float(sigma[POLE].max()),
         float(sigma[RATE][0] / abs(survey.rate)), float(sigma[ACCELERATION].max()),
+        areas / areas.sum(),
     )  # fmt: skip
-
-
-def _without_rigid(heights: np.ndarray, vertices: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Heights (V, M) less what moves and turns the whole map."""
-    arms = (vertices - vertices.mean(axis=0)) / np.ptp(vertices, axis=0).max()
-    rigid = np.hstack([normals, np.cross(arms, normals)])
-    fit, *_ = np.linalg.lstsq(rigid, heights, rcond=None)
-    return heights - rigid @ fit
 
 
 def _coarseness(match, counts, facets, solution: Solution) -> Values:

@@ -12,7 +12,7 @@ A new check of meshes belongs in `mesh_checks`, a new repair in `mesh_repair`.
 
 from proxops.systems.shapes._text_meshes import LONGITUDES
 from proxops.systems.shapes.boulders import HEIGHT, BouldersConfig, relief_of, with_boulders
-from proxops.systems.shapes.displacement import displaced, vertex_normals
+from proxops.systems.shapes.displacement import displaced, rigid_motions, vertex_normals
 from proxops.systems.shapes.ellipsoid import (
     blocks_segment,
     clearances,
@@ -80,6 +80,7 @@ __all__ = [
     "registered",
     "relief_of",
     "repair_mesh",
+    "rigid_motions",
     "self_intersections",
     "shell_labels",
     "smallest_angles",
