@@ -19,9 +19,9 @@ class EnoughConfig:
     # Share of the surface that was seen.
     covered: float = number(0.995, at_least=0.0, at_most=1.0)
     # One standard deviation of the map, over its size.
-    deviation_of_size: float = number(4e-4, above=0.0, at_most=1.0)
+    deviation_of_size: float = number(6e-4, above=0.0, at_most=1.0)
     # One standard deviation of GM, over GM.
-    gravity: float = number(1.5e-3, above=0.0, at_most=1.0)
+    gravity: float = number(2e-3, above=0.0, at_most=1.0)
 
 
 @config

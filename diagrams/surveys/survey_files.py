@@ -23,7 +23,7 @@ from proxops.diagrams.scenario import (
 )  # fmt: skip
 from proxops.diagrams.surveys.survey_flight import SurveyFlight
 from proxops.systems.assurance import AssuranceConfig
-from proxops.systems.common import InputError, make_folder, write_json, write_whole
+from proxops.systems.common import InputError, Values, make_folder, write_json, write_whole
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
 from proxops.systems.mapping import Estimated, MapUncertainty, Survey, matched
 from proxops.systems.navigation import (
@@ -32,12 +32,14 @@ from proxops.systems.navigation import (
     MendedMap,
     save_mended_map,
 )
-from proxops.systems.shapes import MeshFile, Polyhedron, mesh_bytes, registered
+from proxops.systems.shapes import MeshFile, Polyhedron, areas, mesh_bytes, registered
 
 # What an expected error is at least, over the size or its value: a survey is sure of more than it
 # knows.
 _LEAST = {"gravity": 1e-3, "pole": 0.01, "spin": 1e-6, "contrast": 3e-3, "surface": 2e-4}
 _KM = 1e3
+# Places of a facet, each of a quarter of its area, as weights of its corners.
+_WITHIN = np.array([[2.0, 2.0, 2.0], [4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
 
 
 class NewMap(NamedTuple):
@@ -221,14 +223,11 @@ def survey_figures(
 ) -> dict[str, object]:  # fmt: skip
     """What a survey found, and how far it is from the truth, by shares of the size and so on."""
     size = float(true.extents.max())
-    match = matched(made.shape.vertices, true.vertices, true.facets)
-    feet = np.einsum("kc,kci->ki", match.places, true.vertices[true.facets[match.facets]])
-    off = np.linalg.norm(made.shape.vertices - feet, axis=1)
-    weights = uncertainty.weights
+    off, sigma, shares = surface_errors(made.shape, true, uncertainty)
     return {
-        "map_rms_of_size": float(np.sqrt(weights @ off**2)) / size,
-        "map_bias_of_size": float(weights @ (off * np.sign(match.heights))) / size,
-        "within_3_sigma": float(weights @ (off <= 3.0 * uncertainty.deviations)),
+        "map_rms_of_size": float(np.sqrt(shares @ off**2)) / size,
+        "map_bias_of_size": float(shares @ off) / size,
+        "within_3_sigma": float(shares @ (np.abs(off) <= 3.0 * sigma)),
         "deviation_of_size": uncertainty.rms / size,
         "covered": uncertainty.covered,
         "gravity_error": 1.0 / truth.gravity - 1.0,
@@ -248,6 +247,25 @@ def survey_figures(
         "hours": flight.hours,
         "collided": flight.collided,
     }
+
+
+def surface_errors(
+    shape: Polyhedron, true: Polyhedron, uncertainty: MapUncertainty
+) -> tuple[Values, Values, Values]:
+    """How far a map is from the true surface, at four points of each facet.
+
+    Returns:
+      Distances (K,) in m, positive where the map lies outwards; the map's own standard deviations
+      (K,) in m there; and the shares (K,) of the area for which the points stand.
+    """
+    corners = shape.vertices[shape.facets]
+    points = np.einsum("bc,fci->fbi", _WITHIN, corners).reshape(-1, 3)
+    match = matched(points, true.vertices, true.facets)
+    feet = np.einsum("kc,kci->ki", match.places, true.vertices[true.facets[match.facets]])
+    off = np.linalg.norm(points - feet, axis=1) * np.sign(match.heights)
+    sigma = (uncertainty.deviations[shape.facets] @ _WITHIN.T).ravel()
+    shares = np.repeat(areas(shape.vertices, shape.facets), len(_WITHIN))
+    return off, sigma, shares / shares.sum()
 
 
 def _period(flight: SurveyFlight) -> float:

@@ -36,7 +36,7 @@ from proxops.systems.mapping import (
 _FLIGHT = "survey.npz"
 _FIGURES = ("orbit_time", "delta_v", "clearance", "entries", "hours", "seen", "collided")
 # It flies so much longer if its map is not good enough yet, over the most time.
-_LONGER = 0.34
+_LONGER = 0.5
 
 
 def run_survey(

@@ -28,7 +28,7 @@ from proxops.systems.mapping.survey_fit import (
 # attitude.
 _KNOTS, _TURNS = 1.0, 0.67
 # The mesh has about this many facets at the end.
-FACETS = 8000
+FACETS = 14_000
 # Returns beyond so many are left out evenly: the map's facets say what is left.
 _MOST = 300_000
 # Points from which a free surface is begun.

@@ -25,12 +25,12 @@ from proxops.systems.mapping.spheres import sphere
 # The orbit is at least this steep to the equator, as the cosine.
 _COSINE = math.cos(math.radians(60.0))
 # Beyond this many radii of its orbit it flies towards it; then it makes its orbit round.
-_NEAR = 1.7
+_NEAR = 1.75
 # It falls at least at this share of the speed of a round orbit.
 _FALLING = 0.2
 # Of a free orbit that is left alone, over the radius; and of one after a correction.
-_LOWEST, _HIGHEST = 0.8, 1.6
-_LOW, _HIGH = 0.85, 1.5
+_LOWEST, _HIGHEST = 0.75, 1.65
+_LOW, _HIGH = 0.8, 1.5
 # It passes the body at most at this share of the radius, and out of the plane that it should fly in
 # by no more than this cosine.
 _PASS, _FLAT = 1.3, 0.985
@@ -177,19 +177,19 @@ def wanted_velocity(state: Values, radius: float) -> Vector3:
     along = np.cross(normal, up)
     falling = -_FALLING * math.sqrt(gm / distance)
     low, high = _ends(place, velocity, gm)
+    sound, rises = low > _LOWEST * radius, float(velocity @ up)
     if distance > _NEAR * radius:
         steep = abs(float(normal @ momentum)) > _FLAT * float(np.linalg.norm(momentum))
-        if steep and _LOWEST * radius < low < _PASS * radius and velocity @ up < falling:
+        if steep and sound and low < _PASS * radius and rises < falling:
             return velocity
         # It falls at least so fast: a flight from afar would take weeks.
-        radial = min(float(velocity @ up), falling)
-        energy = radial**2 + 2.0 * gm * (1.0 / radius - 1.0 / distance)
-        across = math.sqrt(energy / ((distance / radius) ** 2 - 1.0))
-        return radial * up + across * along
-    falls = float(velocity @ up) < 0.0
-    sound, bound = low > _LOWEST * radius, high < _HIGHEST * radius
+        return _passing(distance, min(rises, falling), gm, radius) @ [up, along]
     # The highest place of an orbit is changed at the lowest for the least, and the other way round.
-    if (sound and (bound or falls)) or (bound and not falls):
+    if rises < 0.0:
+        if sound:
+            return velocity
+        return _passing(distance, rises, gm, min(radius, 0.95 * distance)) @ [up, along]
+    if high < _HIGHEST * radius:
         return velocity
     circular = math.sqrt(gm / distance)
     rise = (radius - distance) * math.sqrt(gm / radius**3)
@@ -200,6 +200,12 @@ def wanted_velocity(state: Values, radius: float) -> Vector3:
         if low > _LOW * radius and high < _HIGH * radius:
             return some
     return steady
+
+
+def _passing(distance: float, rises: float, gm: float, low: float) -> Values:
+    """Radial velocity (it stays) and the one across in m/s, with which it passes at a distance."""
+    energy = rises**2 + 2.0 * gm * (1.0 / low - 1.0 / distance)
+    return np.array([rises, math.sqrt(energy / ((distance / low) ** 2 - 1.0))])
 
 
 def _ends(place: Vector3, velocity: Vector3, gm: float) -> tuple[float, float]:

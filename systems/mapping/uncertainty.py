@@ -21,8 +21,8 @@ from proxops.systems.mapping.survey_fit import (
 )
 from proxops.systems.shapes import Surface, rigid_motions, vertex_normals
 
-# Vertices whose own errors are computed at once.
-_BLOCK = 512
+# Random vectors by which the vertices' own errors are computed.
+_PROBES = 200
 # The theory is linear and takes returns as independent: its deviations are taken so much larger.
 _DOUBT = 1.5
 # Columns of the correlated part that hold all but this share of it are kept, and the most of them.
@@ -74,12 +74,9 @@ def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> Map
     is the root mean square of the residuals beyond the range noise.
     """
     vertices, facets = survey.vertices, survey.facets
-    own = np.empty(len(vertices))
-    for start in range(0, len(vertices), _BLOCK):
-        index = np.arange(start, min(start + _BLOCK, len(vertices)))
-        unit = np.zeros((len(vertices), len(index)))
-        unit[index, index - start] = 1.0
-        own[index] = solution.factor.solve(unit)[index, index - start]
+    # The diagonal of an inverse, by random signs (Hutchinson): off it there is little.
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (len(vertices), _PROBES))
+    own = np.abs(np.mean(signs * solution.factor.solve(signs), axis=1))
     # Heights follow the global unknowns: h = h0 - cross g, but for what moves all of the map.
     count = len(solution.covariance)
     tail = count - TAIL
@@ -90,8 +87,11 @@ def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> Map
     moving[:, tail:][:, AFFINE] += affine
     rigid = rigid_motions(vertices, solution.outward, vertices.mean(axis=0), size)
     moving -= rigid @ np.linalg.lstsq(rigid, moving)[0]
-    values, vectors = np.linalg.eigh(0.5 * (solution.covariance + solution.covariance.T))
-    table = moving @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    # Unknowns are of many units: correlations have eigenvectors that rounding leaves whole.
+    each = np.sqrt(np.diag(solution.covariance))
+    alike = solution.covariance / np.outer(each, each)
+    values, vectors = np.linalg.eigh(0.5 * (alike + alike.T))
+    table = (moving * each) @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     left, singular, _ = np.linalg.svd(table, full_matrices=False)
     held = np.cumsum(singular**2) / max(float((singular**2).sum()), 1e-300)
     modes = min(_MOST, int(np.searchsorted(held, 1.0 - _NEGLIGIBLE)) + 1)

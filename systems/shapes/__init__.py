@@ -27,6 +27,7 @@ from proxops.systems.shapes.enclosing_ellipsoid import EnclosingEllipsoid, small
 from proxops.systems.shapes.mass import MassProperties, mass_properties
 from proxops.systems.shapes.mesh_checks import (
     Defect,
+    areas,
     find_defects,
     flat_facets,
     nested_shells,
@@ -61,6 +62,7 @@ __all__ = [
     "RayCaster",
     "RayFan",
     "Surface",
+    "areas",
     "blocks_segment",
     "clearances",
     "closest_point",
