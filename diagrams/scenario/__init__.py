@@ -93,6 +93,7 @@ __all__ = [
     "BodyConfig",
     "DescribedKey",
     "Dispersion",
+    "EnoughConfig",
     "ForceNoiseConfig",
     "HybridConfig",
     "KicksConfig",

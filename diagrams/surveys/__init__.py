@@ -5,7 +5,8 @@ its flight alone. `survey_files` says what is written. What flies and estimates 
 `visit.yaml`, under `truth`, and the figures of `survey.json` hold it.
 """
 
+from proxops.diagrams.surveys.survey_files import Surveyed
 from proxops.diagrams.surveys.survey_flight import Flying, SurveyFlight
 from proxops.diagrams.surveys.survey_run import run_survey
 
-__all__ = ["Flying", "SurveyFlight", "run_survey"]
+__all__ = ["Flying", "SurveyFlight", "Surveyed", "run_survey"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -40,6 +40,22 @@ _LEAST = {"gravity": 1e-3, "pole": 0.01, "spin": 1e-6, "contrast": 3e-3, "surfac
 _KM = 1e3
 # Places of a facet, each of a quarter of its area, as weights of its corners.
 _WITHIN = np.array([[2.0, 2.0, 2.0], [4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
+
+
+class Surveyed(NamedTuple):
+    """What a survey gave, and how far it is from the truth, which nobody on board has."""
+
+    figures: dict[str, Any]
+    """What `survey.json` has."""
+    flight: SurveyFlight
+    found: Estimated
+    uncertainty: MapUncertainty
+    shape: Polyhedron
+    """The map in its frame K."""
+    errors: Values
+    """(K,) in m: how far the map lies outside of the true surface, at points all over it."""
+    deviations: Values
+    """(K,) in m: standard deviations that the survey says of them."""
 
 
 class NewMap(NamedTuple):
@@ -183,10 +199,15 @@ def visit_scenario(
 
 
 def write_survey(
-    folder: Path, scenario: Scenario, flight: SurveyFlight, found: Estimated,
-    uncertainty: MapUncertainty, name: str, times: dict[str, float],
-) -> dict[str, object]:  # fmt: skip
-    """Writes all files of a survey; returns its figures, those against the truth among them.
+    folder: Path,
+    scenario: Scenario,
+    flight: SurveyFlight,
+    found: Estimated,
+    uncertainty: MapUncertainty,
+    name: str,
+    times: dict[str, float],
+) -> Surveyed:
+    """Writes all files of a survey; returns what it gave, with its errors against the truth.
 
     `times` are wall times in s, for the figures.
     """
@@ -212,18 +233,25 @@ def write_survey(
     _write(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_scenario(visit)}")
     content = mesh_bytes(true.vertices / _KM, true.facets, ".obj", "the truth of visit.yaml, km")
     write_whole(folder / "truth.obj", lambda path: path.write_bytes(content))
-    figures = survey_figures(made, true, survey, flight, uncertainty, visit.truth, found) | times
+    errors = surface_errors(made.shape, true, uncertainty)
+    figures = survey_figures(errors, true, flight, uncertainty, visit.truth, found) | times
     write_json(folder / "survey.json", figures)
-    return figures
+    return Surveyed(figures, flight, found, uncertainty, made.shape, errors[0], errors[1])
 
 
 def survey_figures(
-    made: NewMap, true: Polyhedron, survey: Survey, flight: SurveyFlight,
-    uncertainty: MapUncertainty, truth: TruthConfig, found: Estimated,
-) -> dict[str, object]:  # fmt: skip
-    """What a survey found, and how far it is from the truth, by shares of the size and so on."""
-    size = float(true.extents.max())
-    off, sigma, shares = surface_errors(made.shape, true, uncertainty)
+    errors: tuple[Values, Values, Values],
+    true: Polyhedron,
+    flight: SurveyFlight,
+    uncertainty: MapUncertainty,
+    truth: TruthConfig,
+    found: Estimated,
+) -> dict[str, Any]:
+    """What a survey found, and how far it is from the truth, by shares of the size and so on.
+
+    `errors` are `surface_errors` of the map.
+    """
+    size, (off, sigma, shares) = float(true.extents.max()), errors
     return {
         "map_rms_of_size": float(np.sqrt(shares @ off**2)) / size,
         "map_bias_of_size": float(shares @ off) / size,

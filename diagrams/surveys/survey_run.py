@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from proxops.diagrams.scenario import (
     dump_scenario,
     survey_errors,
 )
-from proxops.diagrams.surveys.survey_files import write_survey
+from proxops.diagrams.surveys.survey_files import Surveyed, write_survey
 from proxops.diagrams.surveys.survey_flight import (
     Flying,
     SurveyFlight,
@@ -41,7 +40,7 @@ _LONGER = 0.5
 
 def run_survey(
     scenario: Scenario, body: Body, folder: Path, progress: Progress = silent
-) -> dict[str, Any]:
+) -> Surveyed:
     """Flies a survey and writes its map, its body, its errors and its scenario of visits.
 
     A flight that the folder has already, of the same scenario, is not flown again.
@@ -51,7 +50,7 @@ def run_survey(
       folder: is made if need be. progress: is called with the share done.
 
     Returns:
-      The figures that `survey.json` has.
+      What it found, and its errors against the truth, which nobody on board has.
 
     Raises:
       InputError: the survey cannot be flown or saw too little; or the folder cannot be written.
@@ -91,9 +90,7 @@ def _found(
 ) -> tuple[Estimated, MapUncertainty]:
     """What the frames of a flight show."""
     around, expected = flight.around, told_errors(scenario, flight.world, body)
-    found = estimated(
-        flight.returns, around.semi_axes, around.gm, around.rate, expected, progress
-    )
+    found = estimated(flight.returns, around.semi_axes, around.gm, around.rate, expected, progress)
     return found, map_uncertainty(found.survey, found.solution, found.returns)
 
 

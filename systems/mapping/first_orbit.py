@@ -19,7 +19,7 @@ FEWEST = 5
 # Behind the mean of a ball's returns lies its centre, by this share of the radius.
 _BEHIND = 2.0 / 3.0
 # A body is off its ellipsoid by this share of the longest semi-axis. The mean of its returns shows
-# the middle to the second share, and all returns of a frame as much as so many that are independent.
+# the middle to the second share. All returns of a frame say as much as so many independent ones.
 _RELIEF, _ROUGH, _ALIKE = 0.15, 0.1, 10.0
 _FITS = 4
 # Standard deviation of a middle, over the longest semi-axis.

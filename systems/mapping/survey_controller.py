@@ -9,6 +9,7 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 
 from proxops.systems.common import Values, Vector3, Vectors3
 from proxops.systems.mapping.first_orbit import densest, middle_of
+from proxops.systems.mapping.spheres import sphere
 from proxops.systems.mapping.survey_filter import (
     GM,
     PLACE,
@@ -20,7 +21,6 @@ from proxops.systems.mapping.survey_filter import (
     first_seen,
     predicted,
 )
-from proxops.systems.mapping.spheres import sphere
 
 # The orbit is at least this steep to the equator, as the cosine.
 _COSINE = math.cos(math.radians(60.0))
@@ -29,15 +29,15 @@ _NEAR = 1.75
 # It falls at least at this share of the speed of a round orbit.
 _FALLING = 0.2
 # Of a free orbit that is left alone, over the radius; and of one after a correction.
-_LOWEST, _HIGHEST = 0.75, 1.65
-_LOW, _HIGH = 0.8, 1.5
+_LOWEST, _HIGHEST = 0.85, 1.65
+_LOW, _HIGH = 0.9, 1.5
 # It passes the body at most at this share of the radius, and out of the plane that it should fly in
 # by no more than this cosine.
 _PASS, _FLAT = 1.3, 0.985
 # It corrects what is more than this share of the speed of its orbit off, and this many deviations.
 _BAND, _SURE = 0.02, 1.0
 # Beyond this deviation, over the speed of its orbit, it waits until it knows its velocity.
-_LOST = 0.15
+_LOST = 0.5
 # Returns of a frame that show where the body is.
 _FEWEST = 6
 # A free orbit whose lowest point is within so many radii of the keep-out sphere is left at once.
@@ -143,9 +143,7 @@ class SurveyController(LeafSystem):
         discrete.get_mutable_vector(0).SetFromVector(values)
 
     def _middle(self, turn: np.ndarray, ranges: Values) -> tuple[Vector3 | None, Vectors3]:
-        """Where the spacecraft is from the body's middle (3,) in N, and the rays (K, 3) in m in N
-        that show it.
-        """
+        """The place (3,) from the body's middle, and rays (K, 3) that show it, in m in N."""
         seen = np.flatnonzero(np.isfinite(ranges))
         if len(seen) < _FEWEST:
             return None, np.zeros((0, 3))

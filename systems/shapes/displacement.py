@@ -88,9 +88,7 @@ def vertex_normals(shape: Polyhedron | Surface) -> tuple[np.ndarray, np.ndarray]
     return sums / np.where(length > 0.0, length, 1.0), weights
 
 
-def rigid_motions(
-    points: Vectors3, normals: Vectors3, middle: Vector3, size: float
-) -> np.ndarray:
+def rigid_motions(points: Vectors3, normals: Vectors3, middle: Vector3, size: float) -> np.ndarray:
     """Heights (N, 6) along the normals at points (N, 3) by moves and small turns about a middle.
 
     Turns are those by which a point at the distance `size` moves by 1.

@@ -7,8 +7,8 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from proxops.systems.common import InputError, one_thread
-from proxops.systems.shapes.mesh_checks import areas
 from proxops.systems.shapes.displacement import rigid_motions
+from proxops.systems.shapes.mesh_checks import areas
 from proxops.systems.shapes.polyhedron import Polyhedron
 
 # Facets, by nearness of their centroids, among which the nearest point of the map is looked for.
