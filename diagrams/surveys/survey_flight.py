@@ -22,12 +22,14 @@ from proxops.diagrams.scenario import (
 )  # fmt: skip
 from proxops.systems.common import InputError, Progress, Vector3, generator, silent
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
-from proxops.systems.mapping import Around, Returns, SurveyController
+from proxops.systems.mapping import FEWEST, Around, Returns, SurveyController
 from proxops.systems.shapes import clearances
 
 # The orbit's radius, over the longest semi-axis, with what that may be off; and over the radius of
 # an orbit that turns with the body.
 _LONGEST, _SYNCHRONOUS = 2.4, 1.7
+# The body turns by no more than so many degrees from frame to frame.
+_TURNED = 3.0
 # The ellipsoid is known to this share of each axis, at one standard deviation.
 _ELLIPSOID = 0.1 / 3.0
 # A survey starts at so many sizes, on its way to a lowest point of so many radii of its orbit.
@@ -94,6 +96,12 @@ def around_of(scenario: Scenario, body: Body) -> Around:
         raise InputError(
             f"task.reach_m: the lidar never sees the body: it reaches {reach:.4g} m, and the "
             f"survey starts up to {start:.4g} m away"
+        )
+    turned = math.degrees(abs(body.spin_about_z) * scenario.task.period_s)
+    if turned > _TURNED:
+        raise InputError(
+            f"the body spins too fast for its survey: it turns by {turned:.3g} degrees from frame to "
+            f"frame, and at most {_TURNED:g} are allowed; set task.period_s lower"
         )
     return Around(
         axes, gm, errors.gravity, body.spin_about_z, radius, longest, errors.acceleration,
@@ -224,9 +232,13 @@ class _Kept:
           InputError: it did not come to its orbit.
         """
         if self._orbit is None:
+            if max(len(seen) for seen, _ in self._frames) < FEWEST:
+                raise InputError(
+                    "the lidar never saw the body: check lidar.max_range_m, its rays and field of "
+                    "view, and task.reach_m"
+                )
             raise InputError(
-                "the survey did not come to its orbit: the lidar never saw the body, or "
-                "task.approach_hours is too short"
+                "the survey did not come to its orbit in time: set task.approach_hours higher"
             )
         scenario, body = self._world.scenario, self._world.body
         times = np.array(self._times)

@@ -121,7 +121,7 @@ def _keep(path: Path, flight: SurveyFlight, scenario: Scenario) -> None:
 
     def write(name: Path) -> None:
         with name.open("wb") as file:
-            np.savez_compressed(file, scenario=text, **arrays)
+            np.savez_compressed(file, scenario=text, body=np.array(scenario.body), **arrays)
 
     write_whole(path, write)
 
@@ -130,7 +130,7 @@ def _kept(path: Path, scenario: Scenario, body: Body) -> SurveyFlight | None:
     """The flight in a file; None: there is none, or it is of another scenario.
 
     Raises:
-      InputError: the file is damaged.
+      InputError: the file is damaged, or of another body.
     """
     if not path.is_file():
         return None
@@ -139,9 +139,13 @@ def _kept(path: Path, scenario: Scenario, body: Body) -> SurveyFlight | None:
             arrays = {name: file[name] for name in file.files}
         returns = Returns(**{name: arrays[name] for name in Returns._fields})
         figures = {name: arrays[name].item() for name in _FIGURES}
-        text = str(arrays["scenario"])
+        text, name = str(arrays["scenario"]), str(arrays["body"])
     except Exception as error:  # Damaged files raise errors of many types.
         raise InputError(f"{path} is no whole log of a survey: remove it to fly anew") from error
+    if name != scenario.body:
+        raise InputError(
+            f"{path} has frames of another body, {name}, not of {scenario.body}: give another folder"
+        )
     if text != dump_scenario(scenario):
         return None
     return SurveyFlight(

@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from proxops.systems.common import Values, Vector3, Vectors3
-from proxops.systems.mapping.first_orbit import densest, middle_of
+from proxops.systems.mapping.first_orbit import FEWEST, densest, middle_of
 from proxops.systems.mapping.spheres import sphere
 from proxops.systems.mapping.survey_filter import (
     GM,
@@ -38,8 +38,6 @@ _PASS, _FLAT = 1.3, 0.985
 _BAND, _SURE = 0.02, 1.0
 # Beyond this deviation, over the speed of its orbit, it waits until it knows its velocity.
 _LOST = 0.5
-# Returns of a frame that show where the body is.
-_FEWEST = 6
 # A free orbit whose lowest point is within so many radii of the keep-out sphere is left at once.
 _GUARD = 1.3
 # A part of the surface is seen if so many returns came from it.
@@ -145,11 +143,11 @@ class SurveyController(LeafSystem):
     def _middle(self, turn: np.ndarray, ranges: Values) -> tuple[Vector3 | None, Vectors3]:
         """The place (3,) from the body's middle, and rays (K, 3) that show it, in m in N."""
         seen = np.flatnonzero(np.isfinite(ranges))
-        if len(seen) < _FEWEST:
+        if len(seen) < FEWEST:
             return None, np.zeros((0, 3))
         rays = (self._directions[seen] * ranges[seen, None]) @ turn.T
         rays = rays[densest(rays, self.around.longest)]
-        if len(rays) < _FEWEST:
+        if len(rays) < FEWEST:
             return None, np.zeros((0, 3))
         return middle_of(rays, self.around.semi_axes, turn), rays
 
