@@ -104,7 +104,7 @@ def true_in(
     placed = registered(placed, made.shape)
     # The motion is rigid: fit it.
     a, b = true.shape.vertices.mean(axis=0), placed.vertices.mean(axis=0)
-    motion, _ = Rotation.align_vectors(placed.vertices - b, true.shape.vertices - a)
+    motion = Rotation.align_vectors(placed.vertices - b, true.shape.vertices - a)[0]
     whole, centre = motion.as_matrix(), motion.apply(true.axis_point - a) + b
     return placed, whole @ true.spin.rate, centre
 

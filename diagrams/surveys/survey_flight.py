@@ -100,8 +100,8 @@ def around_of(scenario: Scenario, body: Body) -> Around:
     turned = math.degrees(abs(body.spin_about_z) * scenario.task.period_s)
     if turned > _TURNED:
         raise InputError(
-            f"the body spins too fast for its survey: it turns by {turned:.3g} degrees from frame to "
-            f"frame, and at most {_TURNED:g} are allowed; set task.period_s lower"
+            f"the body spins too fast for its survey: it turns by {turned:.3g} degrees from "
+            f"frame to frame, at most {_TURNED:g} are allowed; set task.period_s lower"
         )
     return Around(
         axes, gm, errors.gravity, body.spin_about_z, radius, longest, errors.acceleration,
@@ -146,8 +146,9 @@ class Flying:
         Raises:
           InputError: see `around_of`.
         """
-        self._around, self._task = around_of(scenario, body), scenario.task
-        assert isinstance(self._task, SurveyConfig)
+        self._around, task = around_of(scenario, body), scenario.task
+        assert isinstance(task, SurveyConfig)
+        self._task = task
         self._world = survey_world(scenario, body)
         craft, lidar = self._world.scenario.spacecraft, self._world.scenario.lidar_geometry
         self._controller = SurveyController(

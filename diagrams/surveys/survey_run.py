@@ -81,8 +81,8 @@ def run_survey(
             flying.close()
     progress(0.99, "writing")
     name = f"{body.config.name}, surveyed"
-    figures = dict(zip(("flight_s", "estimation_s"), times, strict=True))
-    return write_survey(folder, scenario, flight, found, uncertainty, name, figures)
+    wall = {"flight_s": times[0], "estimation_s": times[1]}
+    return write_survey(folder, scenario, flight, found, uncertainty, name, wall)
 
 
 def _found(
@@ -144,7 +144,8 @@ def _kept(path: Path, scenario: Scenario, body: Body) -> SurveyFlight | None:
         raise InputError(f"{path} is no whole log of a survey: remove it to fly anew") from error
     if name != scenario.body:
         raise InputError(
-            f"{path} has frames of another body, {name}, not of {scenario.body}: give another folder"
+            f"{path} has frames of another body, {name}, not of {scenario.body}: give another "
+            "folder"
         )
     if text != dump_scenario(scenario):
         return None

@@ -206,7 +206,7 @@ def _passing(distance: float, rises: float, gm: float, low: float) -> Values:
 
 def _ends(place: Vector3, velocity: Vector3, gm: float) -> tuple[float, float]:
     """The lowest and the highest distance in m of a free orbit."""
-    energy = 0.5 * velocity @ velocity - gm / np.linalg.norm(place)
+    energy = float(0.5 * velocity @ velocity - gm / np.linalg.norm(place))
     momentum = np.cross(place, velocity)
     square = float(momentum @ momentum)
     shape = math.sqrt(max(0.0, 1.0 + 2.0 * energy * square / gm**2))

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from proxops.diagrams.scenario import SurveyConfig, load_body, load_scenario
 from proxops.diagrams.surveys import run_survey, survey_run
 from proxops.diagrams.surveys.survey_flight import Flying, around_of, survey_world
 from proxops.systems.common import InputError
+from proxops.systems.mapping import Returns
 
 
 def survey(**task):
@@ -42,11 +44,9 @@ def test_a_log_that_was_cut_is_refused(tmp_path: Path) -> None:
 
 def test_frames_of_another_body_are_refused(tmp_path: Path) -> None:
     with (tmp_path / "survey.npz").open("wb") as file:
-        empty = dict.fromkeys(
-            ["times", "attitudes", "thrusts", "frames", "directions", "ranges", "scenario"], 0
-        )
-        figures = dict.fromkeys(survey_run._FIGURES, 0)
-        np.savez(file, body=np.array("bennu"), **(empty | figures))
+        names = [*Returns._fields, *survey_run._FIGURES, "scenario"]
+        empty: dict[str, Any] = dict.fromkeys(names, 0)
+        np.savez(file, body=np.array("bennu"), **empty)
     with pytest.raises(InputError, match="frames of another body, bennu, not of kleopatra"):
         run_survey(survey(), load_body("kleopatra"), tmp_path)
 
