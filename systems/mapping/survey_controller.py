@@ -36,8 +36,8 @@ _LOW, _HIGH = 0.9, 1.5
 _PASS, _FLAT = 1.3, 0.985
 # It corrects what is more than this share of the speed of its orbit off, and this many deviations.
 _BAND, _SURE = 0.02, 1.0
-# Beyond this deviation, over the speed of its orbit, it waits until it knows its velocity.
-_LOST = 0.5
+# It waits until it knows its velocity to this share of its orbit's speed, or as well as it can.
+_KNOWN = 0.15
 # A free orbit whose lowest point is within so many radii of the keep-out sphere is left at once.
 _GUARD = 1.3
 # A part of the surface is seen if so many returns came from it.
@@ -106,7 +106,7 @@ class SurveyController(LeafSystem):
         flown = _flown(values)
         off = wanted_velocity(flown.mean, self.around.radius) - flown.mean[VELOCITY]
         circular = math.sqrt(float(flown.mean[GM][0]) / self.around.radius)
-        if flown.unsure > _LOST * circular:
+        if flown.unsure > max(_KNOWN * circular, self.around.surest):
             return np.zeros(3)
         unsure = _BAND * circular + _SURE * flown.unsure
         if np.linalg.norm(off) < unsure and not self._is_low(flown):

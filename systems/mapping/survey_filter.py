@@ -51,6 +51,16 @@ class Around(NamedTuple):
         """The longest semi-axis in m."""
         return float(np.max(self.semi_axes))
 
+    @property
+    def surest(self) -> float:
+        """About the deviation in m/s of all axes to which the filter's velocity falls in time.
+
+        That of a Kalman filter for white acceleration and white noise of the position.
+        """
+        white = 2.0 * self.varying**2 * self.correlation
+        noise = 2.0 * (_SPREAD * self.longest) ** 2 * _ALIKE * 2.0 * math.pi / abs(self.rate)
+        return math.sqrt(3.0 * math.sqrt(2.0) * white**0.75 * noise**0.25)
+
     def turn(self, time: float) -> Matrix3:
         """R_NB (3, 3) at a time in s, as believed."""
         c, s = math.cos(self.rate * time), math.sin(self.rate * time)
