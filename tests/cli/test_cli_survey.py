@@ -57,14 +57,14 @@ def test_a_body_that_spins_too_fast_is_refused() -> None:
 
 
 def test_a_flight_goes_on_and_ends_when_it_must() -> None:
-    flying = Flying(survey(hours=0.2, approach_hours=0.05), load_body("kleopatra"))
+    flying = Flying(survey(hours=0.1, approach_hours=0.1), load_body("kleopatra"))
     with pytest.raises(InputError, match=r"task\.approach_hours"):
         flying.fly(0.1)
     flying.close()
 
 
 def test_a_lidar_without_a_return_never_saw_the_body() -> None:
-    scenario = survey(hours=0.1, approach_hours=0.05)
+    scenario = survey(hours=0.1, approach_hours=0.1)
     scenario.lidar.planes, scenario.lidar.rays = 1, 4
     flying = Flying(scenario, load_body("kleopatra"))
     with pytest.raises(InputError, match="the lidar never saw the body"):
