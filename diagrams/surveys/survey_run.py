@@ -34,8 +34,10 @@ from proxops.systems.mapping import (
 
 _FLIGHT = "survey.npz"
 _FIGURES = ("orbit_time", "delta_v", "clearance", "entries", "hours", "seen", "collided")
-# It flies so much longer if its map is not good enough yet, over the most time.
+# It flies so much longer, first and if its map is not good enough yet, over the most time.
 _LONGER = 0.5
+# Share of the surface without which there is no map.
+_LEAST_SEEN = 0.9
 
 
 def run_survey(
@@ -73,6 +75,7 @@ def run_survey(
             )
             times = [times[0] + flown - started, times[1] + time.perf_counter() - flown]
             if _is_enough(flight, found, uncertainty, task):
+                check_seen(uncertainty.covered, flight.hours)
                 break
             flight, hours = None, flight.hours + _LONGER * task.hours
             done = min(done + 0.3, 0.7)
@@ -107,6 +110,15 @@ def _is_enough(
         and uncertainty.rms <= enough.deviation_of_size * size
         and uncertainty.gravity <= enough.gravity
     )
+
+
+def check_seen(covered: float, hours: float) -> None:
+    """Refuses a map of which much was never seen: what it says of the rest is wrong, too."""
+    if covered < _LEAST_SEEN:
+        raise InputError(
+            f"the survey saw {covered:.0%} of the surface in {hours:.3g} h in orbit: set task.hours "
+            "higher"
+        )
 
 
 def told_errors(scenario: Scenario, world: World, body: Body) -> Expected:

@@ -51,6 +51,14 @@ def test_frames_of_another_body_are_refused(tmp_path: Path) -> None:
         run_survey(survey(), load_body("kleopatra"), tmp_path)
 
 
+def test_a_map_of_half_a_body_is_refused() -> None:
+    survey_run.check_seen(0.95, 20.0)
+    with pytest.raises(
+        InputError, match=r"saw 51% of the surface in 20 h in orbit: set task\.hours"
+    ):
+        survey_run.check_seen(0.51, 20.0)
+
+
 def test_a_body_that_spins_too_fast_is_refused() -> None:
     with pytest.raises(InputError, match="spins too fast for its survey"):
         around_of(survey(period_s=600.0), load_body("kleopatra"))
