@@ -116,8 +116,8 @@ def check_seen(covered: float, hours: float) -> None:
     """Refuses a map of which much was never seen: what it says of the rest is wrong, too."""
     if covered < _LEAST_SEEN:
         raise InputError(
-            f"the survey saw {covered:.0%} of the surface in {hours:.3g} h in orbit: set task.hours "
-            "higher"
+            f"the survey saw {covered:.0%} of the surface in {hours:.3g} h in orbit: set "
+            "task.hours higher"
         )
 
 
