@@ -29,6 +29,8 @@ COLUMNS = {
     "rate_error": "rate",
     "delta_v_m_s": "delta-v (m/s)",
     "orbit_delta_v_m_s": "in orbit (m/s)",
+    "keep_out_entries": "entries",
+    "hours": "hours",
     "flight_s": "flight (s)",
     "estimation_s": "estimation (s)",
 }
@@ -38,7 +40,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenario")
     parser.add_argument("--seeds", default="31000:31020")
-    parser.add_argument("--hours", type=float, default=24.0)
+    parser.add_argument("--hours", type=float, default=20.0)
     parser.add_argument("--out", type=Path, default=Path("out/mapping"))
     asked = parser.parse_args()
     first, last = map(int, asked.seeds.split(":"))

@@ -27,7 +27,9 @@ from proxops.systems.common import compiling_told
 def survey_command(
     scenario: ScenarioFile = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the survey.")] = 10000,
-    hours: Annotated[float | None, typer.Option(help="Time in orbit in h. Default: 24.")] = None,
+    hours: Annotated[
+        float | None, typer.Option(help="Most time in orbit in h. Default: 24.")
+    ] = None,
     settings: ScenarioChanges = None,
     dispersions: DispersionsName = None,
     out: Annotated[Path, typer.Option(help="Folder for all files.")] = Path("out/survey"),
@@ -36,7 +38,8 @@ def survey_command(
     """Survey a body that is known as an ellipsoid; write its map, body file and scenario.
 
     Without --dispersions and those of the scenario, the world is drawn from first_look. Run it
-    again to continue after an interruption: the flight is not flown twice.
+    again to continue after an interruption: the flight is not flown twice. It ends when the map is
+    good enough, by what it says itself: see task.enough.
 
     Examples:
 
@@ -46,6 +49,7 @@ def survey_command(
     """
     # matplotlib is slow to import.
     from proxops.diagrams.surveys import run_survey
+    from proxops.studies.report import write_survey_report
 
     check_folder(out)
     wanted = load_scenario(scenario, with_dispersions(settings, dispersions))
@@ -57,12 +61,17 @@ def survey_command(
     transit = dc.replace(wanted.transit, seed=seed)
     wanted = dc.replace(wanted, dispersions=name, transit=transit)
     with work_bar("surveying") as progress, compiling_told(progress):
-        figures = run_survey(wanted, load_body(wanted.body), out, progress)
+        surveyed = run_survey(wanted, load_body(wanted.body), out, progress)
+        figures = surveyed.figures
+        title = f"Survey of {wanted.body}, seed {seed}"
+        write_survey_report(out, title, surveyed, _rows(figures))
     if as_json:
         typer.echo(json.dumps(figures, indent=2))
     else:
         print_rows(f"survey of {wanted.body}, seed {seed}", _rows(figures))
-    status.print(f"Wrote map.obj, body.yaml, expected.yaml, visit.yaml and survey.json in {out}")
+    status.print(
+        f"Wrote map.obj, body.yaml, expected.yaml, visit.yaml, survey.json and report.html in {out}"
+    )
 
 
 def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
@@ -76,7 +85,9 @@ def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
         ("error of the pole in degrees, and 1 sigma", _pair(figures, "pole", "_deg")),
         ("error of the spin rate, and 1 sigma", _pair(figures, "rate", "")),
         ("returns", f"{figures['returns']}"),
+        ("time in orbit", f"{figures['hours']:.3g} h"),
         ("delta-v", f"{figures['delta_v_m_s']:.3g} m/s"),
+        ("entries of the keep-out sphere", f"{figures['keep_out_entries']}"),
         ("least clearance of the keep-out ellipsoid", f"{figures['least_clearance_m']:.4g} m"),
         ("flight, estimation", f"{figures['flight_s']:.0f} s, {figures['estimation_s']:.0f} s"),
     ]

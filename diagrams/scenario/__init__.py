@@ -44,7 +44,7 @@ from proxops.diagrams.scenario.spacecraft_model import (
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
 from proxops.diagrams.scenario.sunlit import facets_of
 from proxops.diagrams.scenario.survey_expectations import survey_errors
-from proxops.diagrams.scenario.tasks import SurveyConfig, TouchAndGoConfig
+from proxops.diagrams.scenario.tasks import EnoughConfig, SurveyConfig, TouchAndGoConfig
 from proxops.diagrams.scenario.touchable import (
     TouchMap,
     place_of,
@@ -102,6 +102,7 @@ __all__ = [
     "BodyConfig",
     "DescribedKey",
     "Dispersion",
+    "EnoughConfig",
     "ForceNoiseConfig",
     "HybridConfig",
     "KicksConfig",

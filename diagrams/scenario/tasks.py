@@ -14,14 +14,28 @@ class Transit:
 
 
 @config
+class EnoughConfig:
+    """When a survey's map is good enough, by what the survey itself says of it."""
+
+    # Share of the surface that was seen.
+    covered: float = number(0.995, at_least=0.0, at_most=1.0)
+    # One standard deviation of the map, over its size.
+    deviation_of_size: float = number(6e-4, above=0.0, at_most=1.0)
+    # One standard deviation of GM, over GM.
+    gravity: float = number(2e-3, above=0.0, at_most=1.0)
+
+
+@config
 class SurveyConfig:
     """Make a map of a body of which an ellipsoid, a mass and a rotation are known.
 
     `proxops survey` flies it. `transit.seed` and `transit.index` say which survey of a set.
     """
 
-    # Time in the orbit of the survey.
+    # Most time in the orbit of the survey.
     hours: float = number(24.0, at_least=0.1, at_most=1e4, unit="h")
+    # It ends earlier when its map is good enough; null: it does not.
+    enough: EnoughConfig | None = dc.field(default_factory=EnoughConfig)
     # Time that the approach may take.
     approach_hours: float = number(60.0, at_least=0.1, at_most=1e4, unit="h")
     # Semi-axes of the ellipsoid that is known; null: the body's own, off by a tenth (3 sigma).

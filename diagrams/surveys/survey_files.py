@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,7 +23,7 @@ from proxops.diagrams.scenario import (
 )  # fmt: skip
 from proxops.diagrams.surveys.survey_flight import SurveyFlight
 from proxops.systems.assurance import AssuranceConfig
-from proxops.systems.common import InputError, make_folder, write_json, write_whole
+from proxops.systems.common import InputError, Values, make_folder, write_json, write_whole
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
 from proxops.systems.mapping import Estimated, MapUncertainty, Survey, matched
 from proxops.systems.navigation import (
@@ -32,12 +32,30 @@ from proxops.systems.navigation import (
     MendedMap,
     save_mended_map,
 )
-from proxops.systems.shapes import MeshFile, Polyhedron, mesh_bytes, registered
+from proxops.systems.shapes import MeshFile, Polyhedron, areas, mesh_bytes, registered
 
 # What an expected error is at least, over the size or its value: a survey is sure of more than it
 # knows.
 _LEAST = {"gravity": 1e-3, "pole": 0.01, "spin": 1e-6, "contrast": 3e-3, "surface": 2e-4}
 _KM = 1e3
+# Places of a facet, each of a quarter of its area, as weights of its corners.
+_WITHIN = np.array([[2.0, 2.0, 2.0], [4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
+
+
+class Surveyed(NamedTuple):
+    """What a survey gave, and how far it is from the truth, which nobody on board has."""
+
+    figures: dict[str, Any]
+    """What `survey.json` has."""
+    flight: SurveyFlight
+    found: Estimated
+    uncertainty: MapUncertainty
+    shape: Polyhedron
+    """The map in its frame K."""
+    errors: Values
+    """(K,) in m: how far the map lies outside of the true surface, at points all over it."""
+    deviations: Values
+    """(K,) in m: standard deviations that the survey says of them."""
 
 
 class NewMap(NamedTuple):
@@ -85,10 +103,9 @@ def true_in(
     placed = Polyhedron(moved, true.shape.facets, "truth")
     placed = registered(placed, made.shape)
     # The motion is rigid: fit it.
-    a, b = true.shape.vertices, placed.vertices
-    u, _, v = np.linalg.svd((a - a.mean(axis=0)).T @ (b - b.mean(axis=0)))
-    whole = v.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(v.T @ u.T))]) @ u.T
-    centre = whole @ (true.axis_point - a.mean(axis=0)) + b.mean(axis=0)
+    a, b = true.shape.vertices.mean(axis=0), placed.vertices.mean(axis=0)
+    motion = Rotation.align_vectors(placed.vertices - b, true.shape.vertices - a)[0]
+    whole, centre = motion.as_matrix(), motion.apply(true.axis_point - a) + b
     return placed, whole @ true.spin.rate, centre
 
 
@@ -125,7 +142,7 @@ def expected_entries(
     def normal(mean: float, sigma: float) -> dict[str, object]:
         return {"normal": mean, "three_sigma": float(3.0 * sigma), "source": source}
 
-    deviation = float(np.sqrt(np.mean(uncertainty.deviations**2)))
+    deviation = uncertainty.rms
     rough = float(max(1.5 * deviation, _LEAST["surface"] * size))
     # The centre of mass is the origin of B, and the map's centre is where density is uniform.
     trial = GravityField(body.shape, mass=body.config.mass_kg, contrast=0.1).centre_of_mass
@@ -182,10 +199,15 @@ def visit_scenario(
 
 
 def write_survey(
-    folder: Path, scenario: Scenario, flight: SurveyFlight, found: Estimated,
-    uncertainty: MapUncertainty, name: str, times: dict[str, float],
-) -> dict[str, object]:  # fmt: skip
-    """Writes all files of a survey; returns its figures, those against the truth among them.
+    folder: Path,
+    scenario: Scenario,
+    flight: SurveyFlight,
+    found: Estimated,
+    uncertainty: MapUncertainty,
+    name: str,
+    times: dict[str, float],
+) -> Surveyed:
+    """Writes all files of a survey; returns what it gave, with its errors against the truth.
 
     `times` are wall times in s, for the figures.
     """
@@ -211,30 +233,31 @@ def write_survey(
     _write(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_scenario(visit)}")
     content = mesh_bytes(true.vertices / _KM, true.facets, ".obj", "the truth of visit.yaml, km")
     write_whole(folder / "truth.obj", lambda path: path.write_bytes(content))
-    figures = survey_figures(made, true, survey, flight, uncertainty, visit.truth, found) | times
+    errors = surface_errors(made.shape, true, uncertainty)
+    figures = survey_figures(errors, true, flight, uncertainty, visit.truth, found) | times
     write_json(folder / "survey.json", figures)
-    return figures
+    return Surveyed(figures, flight, found, uncertainty, made.shape, errors[0], errors[1])
 
 
 def survey_figures(
-    made: NewMap, true: Polyhedron, survey: Survey, flight: SurveyFlight,
-    uncertainty: MapUncertainty, truth: TruthConfig, found: Estimated,
-) -> dict[str, object]:  # fmt: skip
-    """What a survey found, and how far it is from the truth, by shares of the size and so on."""
-    size = float(true.extents.max())
-    match = matched(made.shape.vertices, true.vertices, true.facets)
-    feet = np.einsum("kc,kci->ki", match.places, true.vertices[true.facets[match.facets]])
-    off = np.linalg.norm(made.shape.vertices - feet, axis=1)
-    areas = np.linalg.norm(np.cross(*_edges(made.shape)), axis=1)
-    weights = np.bincount(made.shape.facets.ravel(), np.repeat(areas, 3), len(off))
-    weights /= weights.sum()
-    seen = uncertainty.counts >= 3.0
+    errors: tuple[Values, Values, Values],
+    true: Polyhedron,
+    flight: SurveyFlight,
+    uncertainty: MapUncertainty,
+    truth: TruthConfig,
+    found: Estimated,
+) -> dict[str, Any]:
+    """What a survey found, and how far it is from the truth, by shares of the size and so on.
+
+    `errors` are `surface_errors` of the map.
+    """
+    size, (off, sigma, shares) = float(true.extents.max()), errors
     return {
-        "map_rms_of_size": float(np.sqrt(weights @ off**2)) / size,
-        "map_bias_of_size": float(weights @ (off * np.sign(match.heights))) / size,
-        "within_3_sigma": float(weights @ (off <= 3.0 * uncertainty.deviations)),
-        "deviation_of_size": float(np.sqrt(weights @ uncertainty.deviations**2)) / size,
-        "covered": float(weights @ seen),
+        "map_rms_of_size": float(np.sqrt(shares @ off**2)) / size,
+        "map_bias_of_size": float(shares @ off) / size,
+        "within_3_sigma": float(shares @ (np.abs(off) <= 3.0 * sigma)),
+        "deviation_of_size": uncertainty.rms / size,
+        "covered": uncertainty.covered,
         "gravity_error": 1.0 / truth.gravity - 1.0,
         "gravity_deviation": uncertainty.gravity,
         "pole_error_deg": math.hypot(*truth.pole_deg),
@@ -248,17 +271,33 @@ def survey_figures(
         "delta_v_m_s": flight.delta_v,
         "orbit_delta_v_m_s": float(np.abs(flight.returns.thrusts).sum() * _period(flight)),
         "least_clearance_m": flight.clearance,
+        "keep_out_entries": flight.entries,
+        "hours": flight.hours,
         "collided": flight.collided,
     }
 
 
+def surface_errors(
+    shape: Polyhedron, true: Polyhedron, uncertainty: MapUncertainty
+) -> tuple[Values, Values, Values]:
+    """How far a map is from the true surface, at four points of each facet.
+
+    Returns:
+      Distances (K,) in m, positive where the map lies outwards; the map's own standard deviations
+      (K,) in m there; and the shares (K,) of the area for which the points stand.
+    """
+    corners = shape.vertices[shape.facets]
+    points = np.einsum("bc,fci->fbi", _WITHIN, corners).reshape(-1, 3)
+    match = matched(points, true.vertices, true.facets)
+    feet = np.einsum("kc,kci->ki", match.places, true.vertices[true.facets[match.facets]])
+    off = np.linalg.norm(points - feet, axis=1) * np.sign(match.heights)
+    sigma = (uncertainty.deviations[shape.facets] @ _WITHIN.T).ravel()
+    shares = np.repeat(areas(shape.vertices, shape.facets), len(_WITHIN))
+    return off, sigma, shares / shares.sum()
+
+
 def _period(flight: SurveyFlight) -> float:
     return float(np.median(np.diff(flight.returns.times)))
-
-
-def _edges(shape: Polyhedron) -> tuple[np.ndarray, np.ndarray]:
-    corners = shape.vertices[shape.facets]
-    return corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
 
 
 def _plain(value: object) -> object:

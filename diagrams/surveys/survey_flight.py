@@ -22,12 +22,14 @@ from proxops.diagrams.scenario import (
 )  # fmt: skip
 from proxops.systems.common import InputError, Progress, Vector3, generator, silent
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
-from proxops.systems.mapping import Around, Returns, SurveyController
+from proxops.systems.mapping import FEWEST, Around, Returns, SurveyController
 from proxops.systems.shapes import clearances
 
 # The orbit's radius, over the longest semi-axis, with what that may be off; and over the radius of
 # an orbit that turns with the body.
 _LONGEST, _SYNCHRONOUS = 2.4, 1.7
+# The body turns by no more than so many degrees from frame to frame.
+_TURNED = 3.0
 # The ellipsoid is known to this share of each axis, at one standard deviation.
 _ELLIPSOID = 0.1 / 3.0
 # A survey starts at so many sizes, on its way to a lowest point of so many radii of its orbit.
@@ -47,6 +49,12 @@ class SurveyFlight(NamedTuple):
     """m/s that the spacecraft's commands gave."""
     clearance: float
     """The least distance in m to the body's keep-out ellipsoid: negative within."""
+    entries: int
+    """How often it entered the keep-out sphere of `Around`."""
+    hours: float
+    """Time in orbit in h."""
+    seen: float
+    """Share of the surface that it knew to have seen."""
     collided: bool
     world: World
 
@@ -89,8 +97,16 @@ def around_of(scenario: Scenario, body: Body) -> Around:
             f"task.reach_m: the lidar never sees the body: it reaches {reach:.4g} m, and the "
             f"survey starts up to {start:.4g} m away"
         )
-    white = math.hypot(errors.varying, 0.3 * errors.acceleration)
-    return Around(axes, gm, errors.gravity, body.spin_about_z, radius, white, errors.varying_time)
+    turned = math.degrees(abs(body.spin_about_z) * scenario.task.period_s)
+    if turned > _TURNED:
+        raise InputError(
+            f"the body spins too fast for its survey: it turns by {turned:.3g} degrees from "
+            f"frame to frame, at most {_TURNED:g} are allowed; set task.period_s lower"
+        )
+    return Around(
+        axes, gm, errors.gravity, body.spin_about_z, radius, longest, errors.acceleration,
+        errors.varying, errors.varying_time,
+    )  # fmt: skip
 
 
 def survey_world(scenario: Scenario, body: Body) -> World:
@@ -119,49 +135,64 @@ def survey_world(scenario: Scenario, body: Body) -> World:
     return World(drawn, body, true_body, Transit(0, 0, start, 100.0 * start, turning))
 
 
-def fly_survey(scenario: Scenario, body: Body, progress: Progress = silent) -> SurveyFlight:
-    """Flies a scenario's survey.
+class Flying:
+    """A survey's flight that can be flown on."""
 
-    Args:
-      scenario: with a survey as its task. body: as believed; of its mesh, only the extents count.
-      progress: is called with the share of the time that is over.
+    def __init__(self, scenario: Scenario, body: Body):
+        """Takes a scenario with a survey as its task, and the body as believed.
 
-    Raises:
-      InputError: the body is never seen, or the orbit is not reached in time.
-    """
-    task, around = scenario.task, around_of(scenario, body)
-    assert isinstance(task, SurveyConfig)
-    world, period = survey_world(scenario, body), task.period_s
-    craft = world.scenario.spacecraft
-    controller = SurveyController(
-        around,
-        world.scenario.lidar_geometry.directions,
-        craft.mass_kg,
-        craft.thrust_limit_n,
-        period,
-    )
-    controller.set_name("controller")
-    diagram = diagram_of(world, controller)
-    kept = _Kept(diagram, controller, world, period)
-    wanted, latest = 3600.0 * task.hours, 3600.0 * (task.hours + task.approach_hours)
+        Of the body's mesh only the extents count.
 
-    def monitor(context: Context) -> EventStatus:
-        own = controller.GetMyContextFromRoot(context)
-        kept.keep(context, own)
-        over = controller.kept_for(own)
-        progress(over / wanted, f"{context.get_time() / 3600.0:.1f} h")
-        if over >= wanted:
-            return EventStatus.ReachedTermination(controller, "the survey's time is over")
-        return EventStatus.DidNothing()
+        Raises:
+          InputError: see `around_of`.
+        """
+        self._around, task = around_of(scenario, body), scenario.task
+        assert isinstance(task, SurveyConfig)
+        self._task = task
+        self._world = survey_world(scenario, body)
+        craft, lidar = self._world.scenario.spacecraft, self._world.scenario.lidar_geometry
+        self._controller = SurveyController(
+            self._around, lidar.directions, craft.mass_kg, craft.thrust_limit_n,
+            self._task.period_s,
+        )  # fmt: skip
+        self._controller.set_name("controller")
+        self._diagram = diagram_of(self._world, self._controller)
+        self._kept = _Kept(self._diagram, self._controller, self._world, self._task.period_s)
+        self._simulator = make_simulator(self._diagram, self._world.scenario)
 
-    try:
-        simulator = make_simulator(diagram, world.scenario)
-        simulator.set_monitor(monitor)
-        simulator.AdvanceTo(latest)
-        flight = kept.flight(around)
-    finally:
-        let_go(diagram, None)
-    return flight
+    def fly(self, hours: float, progress: Progress = silent) -> SurveyFlight:
+        """Flies on for at least so long in orbit, all in all, and until the surface is seen.
+
+        It ends at `task.hours` anyway. `progress` is called with the share of that time.
+
+        Raises:
+          InputError: the body is never seen, or the orbit is not reached in time.
+        """
+        task, controller = self._task, self._controller
+        enough = 1.0 if task.enough is None else task.enough.covered
+        if task.enough is None:
+            hours = task.hours
+
+        def monitor(context: Context) -> EventStatus:
+            own = controller.GetMyContextFromRoot(context)
+            self._kept.keep(context, own)
+            over, seen = controller.kept_for(own) / 3600.0, controller.seen(own)
+            time = context.get_time() / 3600.0
+            progress(over / task.hours, f"{time:.1f} h, {seen:.0%} of the surface seen")
+            if over >= task.hours or (over >= hours and seen >= enough):
+                return EventStatus.ReachedTermination(controller, "enough was seen")
+            return EventStatus.DidNothing()
+
+        self._simulator.set_monitor(monitor)
+        self._simulator.AdvanceTo(3600.0 * (task.hours + task.approach_hours))
+        own = controller.GetMyContextFromRoot(self._simulator.get_context())
+        return self._kept.flight(
+            self._around, controller.kept_for(own) / 3600.0, controller.seen(own)
+        )
+
+    def close(self) -> None:
+        """Lets the diagram go."""
+        let_go(self._diagram, None)
 
 
 class _Kept:
@@ -195,16 +226,20 @@ class _Kept:
         if self._orbit is None and self._controller.kept_for(own) > 0.0:
             self._orbit = now
 
-    def flight(self, around: Around) -> SurveyFlight:
+    def flight(self, around: Around, hours: float, seen: float) -> SurveyFlight:
         """The flight.
 
         Raises:
           InputError: it did not come to its orbit.
         """
         if self._orbit is None:
+            if max(len(seen) for seen, _ in self._frames) < FEWEST:
+                raise InputError(
+                    "the lidar never saw the body: check lidar.max_range_m, its rays and field of "
+                    "view, and task.reach_m"
+                )
             raise InputError(
-                "the survey did not come to its orbit: the lidar never saw the body, or "
-                "task.approach_hours is too short"
+                "the survey did not come to its orbit in time: set task.approach_hours higher"
             )
         scenario, body = self._world.scenario, self._world.body
         times = np.array(self._times)
@@ -225,10 +260,12 @@ class _Kept:
             np.concatenate([ranges for _, ranges in rays]),
         )  # fmt: skip
         places = np.array(self._places)
+        within = np.linalg.norm(places, axis=1) < around.keep_out
         inside = self._world.true_body.gravity_field.evaluate(places).inside
         return SurveyFlight(
             returns, around, self._orbit,
             float(np.abs(forces).sum() * self._period / mass),
-            float(clearances(body.keep_out_semi_axes, places).min()), bool(inside.any()),
-            self._world,
+            float(clearances(body.keep_out_semi_axes, places).min()),
+            int(within[0]) + int((within[1:] & ~within[:-1]).sum()), hours, seen,
+            bool(inside.any()), self._world,
         )  # fmt: skip

@@ -4,28 +4,45 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from proxops.diagrams.scenario import Body, Scenario, World, dump_scenario, survey_errors
-from proxops.diagrams.surveys.survey_files import write_survey
+from proxops.diagrams.scenario import (
+    Body,
+    Scenario,
+    SurveyConfig,
+    World,
+    dump_scenario,
+    survey_errors,
+)
+from proxops.diagrams.surveys.survey_files import Surveyed, write_survey
 from proxops.diagrams.surveys.survey_flight import (
+    Flying,
     SurveyFlight,
     around_of,
-    fly_survey,
     survey_world,
-)  # fmt: skip
+)
 from proxops.systems.common import InputError, Progress, make_folder, part_of, silent, write_whole
-from proxops.systems.mapping import Expected, Returns, estimated, map_uncertainty
+from proxops.systems.mapping import (
+    Estimated,
+    Expected,
+    MapUncertainty,
+    Returns,
+    estimated,
+    map_uncertainty,
+)
 
 _FLIGHT = "survey.npz"
-_FIGURES = ("orbit_time", "delta_v", "clearance", "collided")
+_FIGURES = ("orbit_time", "delta_v", "clearance", "entries", "hours", "seen", "collided")
+# It flies so much longer, first and if its map is not good enough yet, over the most time.
+_LONGER = 0.5
+# Share of the surface without which there is no map.
+_LEAST_SEEN = 0.9
 
 
 def run_survey(
     scenario: Scenario, body: Body, folder: Path, progress: Progress = silent
-) -> dict[str, Any]:
+) -> Surveyed:
     """Flies a survey and writes its map, its body, its errors and its scenario of visits.
 
     A flight that the folder has already, of the same scenario, is not flown again.
@@ -35,28 +52,73 @@ def run_survey(
       folder: is made if need be. progress: is called with the share done.
 
     Returns:
-      The figures that `survey.json` has.
+      What it found, and its errors against the truth, which nobody on board has.
 
     Raises:
       InputError: the survey cannot be flown or saw too little; or the folder cannot be written.
     """
     make_folder(folder)
-    started = time.perf_counter()
-    flight = _kept(folder / _FLIGHT, scenario, body)
-    if flight is None:
-        flight = fly_survey(scenario, body, part_of(progress, 0.0, 0.5))
-        _keep(folder / _FLIGHT, flight, scenario)
-    flown = time.perf_counter()
-    around, expected = flight.around, told_errors(scenario, flight.world, body)
-    found = estimated(
-        flight.returns, around.semi_axes, around.gm, around.rate, expected,
-        part_of(progress, 0.5, 0.9),
-    )  # fmt: skip
-    progress(0.9, "what is uncertain where")
-    uncertainty = map_uncertainty(found.survey, found.solution, found.returns)
-    times = {"flight_s": flown - started, "estimation_s": time.perf_counter() - flown}
+    task = scenario.task
+    assert isinstance(task, SurveyConfig)
+    flight, flying, times = _kept(folder / _FLIGHT, scenario, body), None, [0.0, 0.0]
+    done, hours = 0.0, _LONGER * task.hours
+    try:
+        while True:
+            started = time.perf_counter()
+            if flight is None:
+                flying = flying or Flying(scenario, body)
+                flight = flying.fly(hours, part_of(progress, done, done + 0.2))
+                _keep(folder / _FLIGHT, flight, scenario)
+            flown = time.perf_counter()
+            found, uncertainty = _found(
+                flight, scenario, body, part_of(progress, done + 0.2, done + 0.3)
+            )
+            times = [times[0] + flown - started, times[1] + time.perf_counter() - flown]
+            if _is_enough(flight, found, uncertainty, task):
+                check_seen(uncertainty.covered, flight.hours)
+                break
+            flight, hours = None, flight.hours + _LONGER * task.hours
+            done = min(done + 0.3, 0.7)
+    finally:
+        if flying is not None:
+            flying.close()
+    progress(0.99, "writing")
     name = f"{body.config.name}, surveyed"
-    return write_survey(folder, scenario, flight, found, uncertainty, name, times)
+    wall = {"flight_s": times[0], "estimation_s": times[1]}
+    return write_survey(folder, scenario, flight, found, uncertainty, name, wall)
+
+
+def _found(
+    flight: SurveyFlight, scenario: Scenario, body: Body, progress: Progress
+) -> tuple[Estimated, MapUncertainty]:
+    """What the frames of a flight show."""
+    around, expected = flight.around, told_errors(scenario, flight.world, body)
+    found = estimated(flight.returns, around.semi_axes, around.gm, around.rate, expected, progress)
+    return found, map_uncertainty(found.survey, found.solution, found.returns)
+
+
+def _is_enough(
+    flight: SurveyFlight, found: Estimated, uncertainty: MapUncertainty, task: SurveyConfig
+) -> bool:
+    """Whether the map is good enough, by what the survey says itself, or the time is over."""
+    enough = task.enough
+    if enough is None or flight.hours >= task.hours:
+        return True
+    size = float(np.ptp(found.survey.vertices, axis=0).max())
+    return (
+        uncertainty.covered >= enough.covered
+        and uncertainty.rms <= enough.deviation_of_size * size
+        and uncertainty.gravity <= enough.gravity
+    )
+
+
+def check_seen(covered: float, hours: float) -> None:
+    """Refuses a map of which much was never seen: what it says of the rest is wrong, too."""
+    if covered < _LEAST_SEEN:
+        raise InputError(
+            f"the survey saw {covered:.0%} of the surface in {hours:.3g} h in orbit: set "
+            "task.hours higher"
+        )
 
 
 def told_errors(scenario: Scenario, world: World, body: Body) -> Expected:
@@ -71,7 +133,7 @@ def _keep(path: Path, flight: SurveyFlight, scenario: Scenario) -> None:
 
     def write(name: Path) -> None:
         with name.open("wb") as file:
-            np.savez_compressed(file, scenario=text, **arrays)
+            np.savez_compressed(file, scenario=text, body=np.array(scenario.body), **arrays)
 
     write_whole(path, write)
 
@@ -80,7 +142,7 @@ def _kept(path: Path, scenario: Scenario, body: Body) -> SurveyFlight | None:
     """The flight in a file; None: there is none, or it is of another scenario.
 
     Raises:
-      InputError: the file is damaged.
+      InputError: the file is damaged, or of another body.
     """
     if not path.is_file():
         return None
@@ -89,9 +151,14 @@ def _kept(path: Path, scenario: Scenario, body: Body) -> SurveyFlight | None:
             arrays = {name: file[name] for name in file.files}
         returns = Returns(**{name: arrays[name] for name in Returns._fields})
         figures = {name: arrays[name].item() for name in _FIGURES}
-        text = str(arrays["scenario"])
+        text, name = str(arrays["scenario"]), str(arrays["body"])
     except Exception as error:  # Damaged files raise errors of many types.
         raise InputError(f"{path} is no whole log of a survey: remove it to fly anew") from error
+    if name != scenario.body:
+        raise InputError(
+            f"{path} has frames of another body, {name}, not of {scenario.body}: give another "
+            "folder"
+        )
     if text != dump_scenario(scenario):
         return None
     return SurveyFlight(

@@ -2,6 +2,7 @@
 
 Start with `write_evaluation`, which writes the report of `proxops evaluate` from `driver_blocks`
 and others like it. A new figure goes into `plots`, and its section into `evaluation_report`.
+`write_survey_report` writes that of `proxops survey`.
 """
 
 from proxops.studies.report.evaluation_report import (
@@ -25,6 +26,7 @@ from proxops.studies.report.plots import (
     plot_flights,
 )
 from proxops.studies.report.shown_flights import may_be_shown, outcome
+from proxops.studies.report.survey_report import write_survey_report
 
 __all__ = [
     "BLACK",
@@ -45,4 +47,5 @@ __all__ = [
     "plot_flights",
     "success_text",
     "write_evaluation",
+    "write_survey_report",
 ]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import Progress, Vector3, silent
+from proxops.systems.common import InputError, Progress, Vector3, silent
 from proxops.systems.mapping.first_orbit import of_body, with_first_orbit
 from proxops.systems.mapping.free_surface import Mesh, free_surface, oriented, untangled
 from proxops.systems.mapping.path import Path
@@ -28,7 +28,7 @@ from proxops.systems.mapping.survey_fit import (
 # attitude.
 _KNOTS, _TURNS = 1.0, 0.67
 # The mesh has about this many facets at the end.
-FACETS = 8000
+FACETS = 14_000
 # Returns beyond so many are left out evenly: the map's facets say what is left.
 _MOST = 300_000
 # Points from which a free surface is begun.
@@ -57,6 +57,8 @@ STAGES = (
     Stage(0.0002, 3, 1, facets=FACETS),
 )
 _SLIDE = 0.03
+# The map's size is within this factor of the ellipsoid's.
+_UNLIKE = 1.6
 _ROUGHNESS = 0.3
 
 
@@ -84,7 +86,8 @@ def estimated(
       progress: is called with the share done.
 
     Raises:
-      InputError: the body was hardly seen, or the returns show no closed surface.
+      InputError: the body was hardly seen, the returns show no closed surface, or a body of
+        another size.
     """
     longest = float(np.max(semi_axes))
     returns = returns.chosen(np.flatnonzero(of_body(returns, longest)))
@@ -104,10 +107,21 @@ def estimated(
             progress(done / whole, f"a map of {len(survey.facets)} facets")
             survey, solution = improved(survey, some, believed, expected, weighting)
             done += 1.0 / stage.stride
+        _check_size(survey, semi_axes)
     assert solution is not None
     mesh = untangled(Mesh(survey.vertices, survey.facets))
     survey = dc.replace(survey, vertices=mesh.vertices)
     return Estimated(survey, solution, returns)
+
+
+def _check_size(survey: Survey, semi_axes: Vector3) -> None:
+    """Refuses a map that is no body of the ellipsoid."""
+    found, wanted = np.ptp(survey.vertices, axis=0).max(), 2.0 * np.max(semi_axes)
+    if not wanted / _UNLIKE < found < wanted * _UNLIKE:
+        raise InputError(
+            f"the frames show a body of {found:.3g} m, and the ellipsoid has {wanted:.3g} m: they "
+            "are of another body, or task.semi_axes_m is wrong"
+        )
 
 
 def _believed(

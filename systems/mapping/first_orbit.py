@@ -18,6 +18,10 @@ FEWEST = 5
 """The least number of returns that show where the middle is."""
 # Behind the mean of a ball's returns lies its centre, by this share of the radius.
 _BEHIND = 2.0 / 3.0
+# A body is off its ellipsoid by this share of the longest semi-axis. The mean of its returns shows
+# the middle to the second share. All returns of a frame say as much as so many independent ones.
+_RELIEF, _ROUGH, _ALIKE = 0.15, 0.1, 10.0
+_FITS = 4
 # Standard deviation of a middle, over the longest semi-axis.
 _SPREAD = 0.2
 _ITERATIONS = 6
@@ -55,13 +59,30 @@ def of_body(returns: Returns, longest: float) -> Values:
 def middle_of(rays: Vectors3, semi_axes: Vector3, attitude: Matrix3) -> Vector3:
     """The spacecraft's place (3,) in m from the middle of the body that a frame shows.
 
+    The ellipsoid is laid upon the returns. Its start has their mean where that of an ellipsoid from
+    afar is: an ellipsoid is a ball in another scale.
+
     Args:
       rays: (K, 3) in m in N, of the body. semi_axes: (3,) in m of the ellipsoid that is known.
       attitude: R_NB (3, 3) as it is believed.
     """
-    mean = rays.mean(axis=0)
+    mean, longest = rays.mean(axis=0), float(np.max(semi_axes))
     ahead = mean / np.linalg.norm(mean)
-    return -(mean + _BEHIND * np.linalg.norm((attitude.T @ ahead) * semi_axes) * ahead)
+    start = -(mean + _BEHIND / np.linalg.norm((attitude.T @ ahead) / semi_axes) * ahead)
+    place, relief, rough = start, _RELIEF * longest, (_ROUGH * longest) ** -2.0
+    for _ in range(_FITS):
+        inside = (place + rays) @ attitude / semi_axes
+        levels = np.linalg.norm(inside, axis=1)
+        slopes = inside / semi_axes / levels[:, None]
+        steep = np.linalg.norm(slopes, axis=1)
+        heights = (levels - 1.0) / steep
+        normals = (slopes / steep[:, None]) @ attitude.T
+        weights = _ALIKE / len(rays) / (relief**2 + heights**2)
+        matrix = (normals * weights[:, None]).T @ normals + rough * np.eye(3)
+        place = place - np.linalg.solve(
+            matrix, normals.T @ (weights * heights) + rough * (place - start)
+        )
+    return place
 
 
 def middles(returns: Returns, semi_axes: Vector3, attitudes: np.ndarray) -> tuple[Values, Vectors3]:

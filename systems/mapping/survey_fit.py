@@ -23,6 +23,7 @@ from proxops.systems.mapping._normal_kernel import LOCAL, add_returns
 from proxops.systems.mapping.mass_points import MassPoints
 from proxops.systems.mapping.path import DEGREE, Path
 from proxops.systems.mapping.returns import Returns
+from proxops.systems.shapes import Surface, vertex_normals
 
 # Facets, by nearness of their centroids, among which the nearest point is looked for.
 _CANDIDATES = 8
@@ -283,12 +284,7 @@ def _outward(survey: Survey, free: bool) -> Vectors3:
     """Unit vectors (V, 3) along which the vertices move."""
     if not free:
         return survey.vertices / np.linalg.norm(survey.vertices, axis=1, keepdims=True)
-    corners = survey.vertices[survey.facets]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sums = np.zeros_like(survey.vertices)
-    for k in range(3):
-        np.add.at(sums, survey.facets[:, k], areas)
-    return sums / np.linalg.norm(sums, axis=1, keepdims=True)
+    return vertex_normals(Surface(survey.vertices, survey.facets))[0]
 
 
 def _starts(survey: Survey, returns: Returns) -> np.ndarray:

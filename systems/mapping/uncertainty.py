@@ -18,10 +18,11 @@ from proxops.systems.mapping.survey_fit import (
     Solution,
     Survey,
     matched,
-)  # fmt: skip
+)
+from proxops.systems.shapes import Surface, rigid_motions, vertex_normals
 
-# Vertices whose own errors are computed at once.
-_BLOCK = 512
+# Random vectors by which the vertices' own errors are computed.
+_PROBES = 200
 # The theory is linear and takes returns as independent: its deviations are taken so much larger.
 _DOUBT = 1.5
 # Columns of the correlated part that hold all but this share of it are kept, and the most of them.
@@ -51,6 +52,18 @@ class MapUncertainty(NamedTuple):
     """Of the spin rate, over the rate."""
     acceleration: float
     """Of the constant acceleration, in m/s^2."""
+    weights: Values
+    """(V,): share of each vertex in the area of the map."""
+
+    @property
+    def covered(self) -> float:
+        """Share of the surface that has returns."""
+        return float(self.weights @ (self.counts >= _FEWEST))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square in m of the deviations over the surface."""
+        return float(np.sqrt(self.weights @ self.deviations**2))
 
 
 @one_thread()
@@ -61,12 +74,9 @@ def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> Map
     is the root mean square of the residuals beyond the range noise.
     """
     vertices, facets = survey.vertices, survey.facets
-    own = np.empty(len(vertices))
-    for start in range(0, len(vertices), _BLOCK):
-        index = np.arange(start, min(start + _BLOCK, len(vertices)))
-        unit = np.zeros((len(vertices), len(index)))
-        unit[index, index - start] = 1.0
-        own[index] = solution.factor.solve(unit)[index, index - start]
+    # The diagonal of an inverse, by random signs (Hutchinson): off it there is little.
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (len(vertices), _PROBES))
+    own = np.abs(np.mean(signs * solution.factor.solve(signs), axis=1))
     # Heights follow the global unknowns: h = h0 - cross g, but for what moves all of the map.
     count = len(solution.covariance)
     tail = count - TAIL
@@ -75,9 +85,13 @@ def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> Map
     places = np.concatenate([np.ones((len(vertices), 1)), vertices / size], axis=1)
     affine = (places[:, :, None] * solution.outward[:, None]).reshape(-1, 12)
     moving[:, tail:][:, AFFINE] += affine
-    moving = _without_rigid(moving, vertices, solution.outward)
-    values, vectors = np.linalg.eigh(0.5 * (solution.covariance + solution.covariance.T))
-    table = moving @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    rigid = rigid_motions(vertices, solution.outward, vertices.mean(axis=0), size)
+    moving -= rigid @ np.linalg.lstsq(rigid, moving)[0]
+    # Unknowns are of many units: correlations have eigenvectors that rounding leaves whole.
+    each = np.sqrt(np.diag(solution.covariance))
+    alike = solution.covariance / np.outer(each, each)
+    values, vectors = np.linalg.eigh(0.5 * (alike + alike.T))
+    table = (moving * each) @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     left, singular, _ = np.linalg.svd(table, full_matrices=False)
     held = np.cumsum(singular**2) / max(float((singular**2).sum()), 1e-300)
     modes = min(_MOST, int(np.searchsorted(held, 1.0 - _NEGLIGIBLE)) + 1)
@@ -89,20 +103,14 @@ def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> Map
     spread = np.sqrt(_DOUBT**2 * own + coarse**2)
     deviations = np.sqrt(spread**2 + np.einsum("vm,vm->v", table, table))
     edges = np.linalg.norm(vertices[facets] - vertices[np.roll(facets, -1, axis=1)], axis=2)
+    areas = vertex_normals(Surface(vertices, facets))[1]
     sigma = np.sqrt(np.diag(solution.covariance)[tail:])
     return MapUncertainty(
         deviations, table, float(np.median(spread) ** 2), float(np.mean(edges)), counts,
         float(sigma[GRAVITY][0] / survey.gm), float(sigma[POLE].max()),
         float(sigma[RATE][0] / abs(survey.rate)), float(sigma[ACCELERATION].max()),
+        areas / areas.sum(),
     )  # fmt: skip
-
-
-def _without_rigid(heights: np.ndarray, vertices: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Heights (V, M) less what moves and turns the whole map."""
-    arms = (vertices - vertices.mean(axis=0)) / np.ptp(vertices, axis=0).max()
-    rigid = np.hstack([normals, np.cross(arms, normals)])
-    fit, *_ = np.linalg.lstsq(rigid, heights, rcond=None)
-    return heights - rigid @ fit
 
 
 def _coarseness(match, counts, facets, solution: Solution) -> Values:

@@ -12,7 +12,7 @@ A new check of meshes belongs in `mesh_checks`, a new repair in `mesh_repair`.
 
 from proxops.systems.shapes._text_meshes import LONGITUDES
 from proxops.systems.shapes.boulders import HEIGHT, BouldersConfig, relief_of, with_boulders
-from proxops.systems.shapes.displacement import displaced, vertex_normals
+from proxops.systems.shapes.displacement import displaced, rigid_motions, vertex_normals
 from proxops.systems.shapes.ellipsoid import (
     blocks_segment,
     clearances,
@@ -27,6 +27,7 @@ from proxops.systems.shapes.enclosing_ellipsoid import EnclosingEllipsoid, small
 from proxops.systems.shapes.mass import MassProperties, mass_properties
 from proxops.systems.shapes.mesh_checks import (
     Defect,
+    areas,
     find_defects,
     flat_facets,
     nested_shells,
@@ -61,6 +62,7 @@ __all__ = [
     "RayCaster",
     "RayFan",
     "Surface",
+    "areas",
     "blocks_segment",
     "clearances",
     "closest_point",
@@ -81,6 +83,7 @@ __all__ = [
     "registered",
     "relief_of",
     "repair_mesh",
+    "rigid_motions",
     "self_intersections",
     "shell_labels",
     "smallest_angles",

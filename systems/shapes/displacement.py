@@ -6,6 +6,7 @@ import numpy as np
 
 from proxops.systems.common import (
     InputError,
+    Vector3,
     Vectors3,
     check_not_negative,
     check_positive,
@@ -15,6 +16,7 @@ from proxops.systems.common import (
 from proxops.systems.shapes.mesh_checks import area_vectors, find_defects
 from proxops.systems.shapes.polyhedron import Polyhedron
 from proxops.systems.shapes.self_intersection import self_intersections
+from proxops.systems.shapes.surface import Surface
 
 # Waves in a random field. Over seeds the covariance is exact for any number; with this many, a
 # single field is close to Gaussian.
@@ -73,7 +75,7 @@ def random_field(points: Vectors3, correlation: float, seed: int) -> np.ndarray:
     return np.sqrt(2.0 / _WAVES) * np.cos(points @ waves + phases).sum(axis=1)
 
 
-def vertex_normals(shape: Polyhedron) -> tuple[np.ndarray, np.ndarray]:
+def vertex_normals(shape: Polyhedron | Surface) -> tuple[np.ndarray, np.ndarray]:
     """Unit normals (V, 3) of the vertices, weighted by area, and a third of the areas around them.
 
     A vertex of no facet keeps a normal of 0, and so its place.
@@ -86,12 +88,19 @@ def vertex_normals(shape: Polyhedron) -> tuple[np.ndarray, np.ndarray]:
     return sums / np.where(length > 0.0, length, 1.0), weights
 
 
+def rigid_motions(points: Vectors3, normals: Vectors3, middle: Vector3, size: float) -> np.ndarray:
+    """Heights (N, 6) along the normals at points (N, 3) by moves and small turns about a middle.
+
+    Turns are those by which a point at the distance `size` moves by 1.
+    """
+    return np.hstack([normals, np.cross((points - middle) / size, normals)])
+
+
 def _rigid_heights(
     shape: Polyhedron, normals: np.ndarray, weights: np.ndarray, heights: np.ndarray
 ) -> np.ndarray:
     """The part (V,) of the heights that a rigid motion of the whole body explains best."""
-    arms = (shape.vertices - shape.centre_of_mass) / shape.extents.max()
-    motions = np.hstack([normals, np.cross(arms, normals)])
+    motions = rigid_motions(shape.vertices, normals, shape.centre_of_mass, shape.extents.max())
     root = np.sqrt(weights)
     # A ball has no rotation that moves its surface: least squares of least norm takes none then.
     fit, *_ = np.linalg.lstsq(motions * root[:, None], heights * root)

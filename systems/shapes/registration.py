@@ -7,6 +7,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from proxops.systems.common import InputError, one_thread
+from proxops.systems.shapes.displacement import rigid_motions
 from proxops.systems.shapes.mesh_checks import areas
 from proxops.systems.shapes.polyhedron import Polyhedron
 
@@ -51,7 +52,7 @@ def registered(mesh: Polyhedron, onto: Polyhedron) -> Polyhedron:
             best, least, since = vertices, squares, 0
         if since == _PATIENCE:
             return Polyhedron(best, mesh.facets, mesh.name)
-        rows = np.hstack([normals, np.cross((points - middle) / size, normals)])
+        rows = rigid_motions(points, normals, middle, size)
         fit, *_ = np.linalg.lstsq(rows * root[:, None], -heights * root)
         turn = Rotation.from_rotvec(fit[3:] / size)
         vertices = middle + turn.apply(vertices - middle) + fit[:3]

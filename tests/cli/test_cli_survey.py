@@ -2,15 +2,17 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import SurveyConfig, load_body, load_scenario
-from proxops.diagrams.surveys import run_survey
-from proxops.diagrams.surveys.survey_flight import around_of, survey_world
+from proxops.diagrams.surveys import run_survey, survey_run
+from proxops.diagrams.surveys.survey_flight import Flying, around_of, survey_world
 from proxops.systems.common import InputError
+from proxops.systems.mapping import Returns
 
 
 def survey(**task):
@@ -40,6 +42,44 @@ def test_a_log_that_was_cut_is_refused(tmp_path: Path) -> None:
         run_survey(survey(), load_body("kleopatra"), tmp_path)
 
 
+def test_frames_of_another_body_are_refused(tmp_path: Path) -> None:
+    with (tmp_path / "survey.npz").open("wb") as file:
+        names = [*Returns._fields, *survey_run._FIGURES, "scenario"]
+        empty: dict[str, Any] = dict.fromkeys(names, 0)
+        np.savez(file, body=np.array("bennu"), **empty)
+    with pytest.raises(InputError, match="frames of another body, bennu, not of kleopatra"):
+        run_survey(survey(), load_body("kleopatra"), tmp_path)
+
+
+def test_a_map_of_half_a_body_is_refused() -> None:
+    survey_run.check_seen(0.95, 20.0)
+    with pytest.raises(
+        InputError, match=r"saw 51% of the surface in 20 h in orbit: set task\.hours"
+    ):
+        survey_run.check_seen(0.51, 20.0)
+
+
+def test_a_body_that_spins_too_fast_is_refused() -> None:
+    with pytest.raises(InputError, match="spins too fast for its survey"):
+        around_of(survey(period_s=600.0), load_body("kleopatra"))
+
+
+def test_a_flight_goes_on_and_ends_when_it_must() -> None:
+    flying = Flying(survey(hours=0.1, approach_hours=0.1), load_body("kleopatra"))
+    with pytest.raises(InputError, match=r"task\.approach_hours"):
+        flying.fly(0.1)
+    flying.close()
+
+
+def test_a_lidar_without_a_return_never_saw_the_body() -> None:
+    scenario = survey(hours=0.1, approach_hours=0.1)
+    scenario.lidar.planes, scenario.lidar.rays = 1, 4
+    flying = Flying(scenario, load_body("kleopatra"))
+    with pytest.raises(InputError, match="the lidar never saw the body"):
+        flying.fly(0.1)
+    flying.close()
+
+
 def test_surveys_start_far_away_and_differ_by_seed() -> None:
     body, starts = load_body("kleopatra"), []
     for seed in (1, 2):
@@ -60,8 +100,9 @@ def test_a_survey_and_a_visit(tmp_path: Path) -> None:
     scenario.transit.seed = 1
     run_survey(scenario, load_body("kleopatra"), tmp_path)
     figures = json.loads((tmp_path / "survey.json").read_text())
-    assert figures["map_rms_of_size"] < 1e-3
+    assert figures["map_rms_of_size"] < 5e-4
     assert figures["within_3_sigma"] > 0.98
+    assert figures["keep_out_entries"] == 0
     assert abs(figures["gravity_error"]) < 0.01
     assert figures["pole_error_deg"] < 0.05
     assert not figures["collided"]

@@ -11,15 +11,26 @@ from proxops.systems.mapping.mass_points import MassPoints
 from proxops.systems.mapping.path import Path
 from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.spheres import sphere
-from proxops.systems.mapping.survey_controller import orbit_normal, wanted_velocity
+from proxops.systems.mapping.survey_controller import _ends, orbit_normal, wanted_velocity
+from proxops.systems.mapping.survey_filter import (
+    CONSTANT,
+    GM,
+    PLACE,
+    STATES,
+    VELOCITY,
+    Around,
+    corrected,
+    first_seen,
+    predicted,
+)
 from proxops.systems.shapes import Polyhedron, find_defects
 
 
 def test_mass_points_pull_as_the_polyhedron_does() -> None:
-    ball = sphere(3)
+    ball = sphere(2)
     shape = Polyhedron(ball.vertices * [1000.0, 400.0, 400.0], ball.facets)
     random = np.random.default_rng(1)
-    points = random.standard_normal((50, 3))
+    points = random.standard_normal((20, 3))
     points *= 2500.0 / np.linalg.norm(points, axis=1, keepdims=True)
     pull, gradient = MassPoints.of(shape.vertices, shape.facets).pull(points)
     mass = 2000.0 * shape.volume
@@ -105,42 +116,120 @@ def test_false_returns_are_not_of_the_body() -> None:
     assert not chosen[30:].any()
 
 
-def test_the_middle_of_a_ball() -> None:
-    random = np.random.default_rng(5)
-    across = random.uniform(-1.0, 1.0, (5000, 2))
-    across = across[(across**2).sum(axis=1) < 1.0]
-    deep = -np.sqrt(1.0 - (across**2).sum(axis=1))
-    rays = np.column_stack([across, deep]) + [0.0, 0.0, 50.0]
-    found = middle_of(rays, np.ones(3), np.eye(3))
-    np.testing.assert_allclose(found, [0.0, 0.0, -50.0], atol=0.03)
+@pytest.mark.parametrize("far", [4.0, 40.0])
+def test_the_middle_of_an_ellipsoid(far: float) -> None:
+    random, axes = np.random.default_rng(5), np.array([1.0, 0.5, 0.4])
+    place = far * np.array([0.6, -0.64, 0.48])
+    aim = random.uniform(-1.0, 1.0, (4000, 3))
+    ray = (aim - place) / np.linalg.norm(aim - place, axis=1, keepdims=True)
+    a, b = ((ray / axes) ** 2).sum(axis=1), (ray * place / axes**2).sum(axis=1)
+    root = b**2 - a * (((place / axes) ** 2).sum() - 1.0)
+    met = root > 0.0
+    rays = ((-b[met] - np.sqrt(root[met])) / a[met])[:, None] * ray[met]
+    found = middle_of(rays, axes, np.eye(3))
+    # Nearness, by which more of the near side is seen, is taken out for a part.
+    np.testing.assert_allclose(found, place, atol=0.02 + 0.25 / far)
+
+
+AROUND = Around(np.ones(3), 1.0, 0.1, 0.5, 2.6, 1.1, 1e-3, 1e-4, 5.0)
+
+
+def test_a_prediction_is_an_integration_and_its_covariance_its_derivatives() -> None:
+    flown = first_seen(AROUND, np.array([3.0, 1.0, 0.5]))
+    mean = flown.mean.copy()
+    mean[VELOCITY], mean[CONSTANT] = [0.1, 0.4, -0.2], [1e-3, 2e-3, -1e-3]
+    flown, period = flown._replace(mean=mean), 0.02
+    after = predicted(flown, AROUND, 1.0, np.zeros(3), period)
+    state, fine = np.r_[mean[PLACE], mean[VELOCITY]], period / 100
+    for k in range(100):
+        push = AROUND.turn(1.0 + k * fine) @ mean[CONSTANT]
+        middle = state[:3] + 0.5 * fine * state[3:]
+        pull = -middle / np.linalg.norm(middle) ** 3 + push
+        state = np.r_[state[:3] + fine * state[3:], state[3:] + fine * pull]
+    np.testing.assert_allclose(after.mean[:6], state, atol=1e-5)
+    # The covariance moves as differences of means do, but for what is noise.
+    for some in (PLACE, VELOCITY, GM, CONSTANT):
+        for i in range(some.start, some.stop):
+            step = np.zeros(STATES)
+            step[i] = 1e-4
+            either = [
+                predicted(flown._replace(mean=mean + s * step), AROUND, 1.0, np.zeros(3), period)
+                for s in (1.0, -1.0)
+            ]
+            column = (either[0].mean - either[1].mean) / 2e-4
+            one = flown._replace(covariance=np.outer(step, step) * 1e8)
+            many = predicted(one, AROUND, 1.0, np.zeros(3), period).covariance
+            none = predicted(
+                flown._replace(covariance=np.zeros((STATES, STATES))), AROUND, 1.0, np.zeros(3),
+                period,
+            ).covariance  # fmt: skip
+            np.testing.assert_allclose(many - none, np.outer(column, column), atol=2e-3)
+
+
+def test_the_filter_finds_the_velocity_and_is_sure_of_no_more() -> None:
+    random, period = np.random.default_rng(6), 0.05
+    place, velocity = np.array([6.0, 0.0, 1.0]), np.array([-0.2, 0.3, 0.1])
+    flown = first_seen(AROUND, place)
+    for k in range(200):
+        middle = place + 0.1 * random.standard_normal(3)
+        flown = corrected(flown, AROUND, middle, 30)
+        flown = predicted(flown, AROUND, k * period, np.zeros(3), period)
+        for _ in range(10):
+            place = place + 0.1 * period * velocity
+            velocity = velocity - 0.1 * period * place / np.linalg.norm(place) ** 3
+    assert np.linalg.norm(flown.mean[VELOCITY] - velocity) < 3.0 * flown.unsure < 0.3
+
+
+def state_of(place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    return np.r_[place, velocity, 1.0, np.zeros(STATES - 7)]
 
 
 def test_far_away_it_aims_at_the_lowest_point() -> None:
-    radius, gm = 2.0, 1.0
-    place = np.array([10.0, 3.0, 1.0])
-    wanted = wanted_velocity(np.r_[place, -0.1, 0.05, 0.02, gm], radius)
-    energy = 0.5 * wanted @ wanted - gm / np.linalg.norm(place)
+    radius, place = 2.0, np.array([10.0, 3.0, 1.0])
+    wanted = wanted_velocity(state_of(place, np.array([-0.1, 0.05, 0.02])), radius)
+    energy = 0.5 * wanted @ wanted - 1.0 / np.linalg.norm(place)
     momentum = np.linalg.norm(np.cross(place, wanted))
-    eccentricity = np.sqrt(1.0 + 2.0 * energy * momentum**2 / gm**2)
-    assert momentum**2 / gm / (1.0 + eccentricity) == pytest.approx(radius)
+    eccentricity = np.sqrt(1.0 + 2.0 * energy * momentum**2)
+    assert momentum**2 / (1.0 + eccentricity) == pytest.approx(radius)
     assert wanted @ place < 0.0
+    # What leads there already costs nothing.
+    again = wanted_velocity(state_of(place, wanted), radius)
+    np.testing.assert_allclose(again, wanted)
 
 
-def test_near_it_flies_round() -> None:
+def test_near_it_changes_an_orbit_where_that_costs_the_least() -> None:
     place = np.array([2.0, 0.0, 0.0])
-    wanted = wanted_velocity(np.r_[place, 0.0, 0.1, 0.5, 1.0], 2.0)
-    assert wanted @ place == pytest.approx(0.0)
-    assert np.linalg.norm(wanted) == pytest.approx(np.sqrt(0.5))
-    # One that is nearly round already costs nothing.
-    nearly = np.r_[place, 0.01, 0.1, 0.69, 1.0]
-    assert (wanted_velocity(nearly, 2.0) == nearly[3:6]).all()
+    # It passes the lowest point too fast to stay: it slows down, but not to a round orbit.
+    fast = np.array([0.01, 0.1, 0.95])
+    wanted = wanted_velocity(state_of(place, fast), 2.0)
+    low, high = _ends(place, wanted, 1.0)
+    assert 1.7 < low < high < 3.2
+    assert np.sqrt(0.5) < np.linalg.norm(wanted) < np.linalg.norm(fast)
+    # Still falling, it waits for the lowest point.
+    falling = np.array([-0.3, 0.1, 0.95])
+    assert (wanted_velocity(state_of(place, falling), 1.9) == falling).all()
+    # Falling too low, it is led past at once.
+    steep = np.array([-0.3, 0.02, 0.2])
+    low, _ = _ends(place, wanted_velocity(state_of(place, steep), 2.0), 1.0)
+    assert low > 1.7
 
 
-def test_the_orbit_is_steep() -> None:
+def test_ends_of_an_ellipse() -> None:
+    speed = np.sqrt(2.0 / 1.0 - 1.0 / 2.0)  # At the lowest point of the semi-axis 2.
+    ends = _ends(np.array([1.0, 0.0, 0.0]), np.array([0.0, speed, 0.0]), 1.0)
+    assert ends == pytest.approx((1.0, 3.0))
+    assert _ends(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.5, 0.0]), 1.0)[1] == np.inf
+
+
+def test_the_orbit_is_steep_and_no_steeper_than_it_must() -> None:
     random = np.random.default_rng(6)
     for _ in range(20):
         up = random.standard_normal(3)
         up /= np.linalg.norm(up)
-        normal = orbit_normal(up, random.standard_normal(3))
+        momentum = np.cross(up, random.standard_normal(3))
+        normal = orbit_normal(up, momentum)
         assert normal @ up == pytest.approx(0.0, abs=1e-12)
-        assert abs(normal[2]) < np.cos(np.radians(75.0)) + 1e-9
+        assert abs(normal[2]) < 0.5 + 1e-9
+        assert normal @ momentum > 0.0
+        if abs(momentum[2]) < 0.5 * np.linalg.norm(momentum):
+            np.testing.assert_allclose(normal, momentum / np.linalg.norm(momentum))

@@ -1,0 +1,115 @@
+"""The report of a survey: what it saw, its residuals, and what is uncertain where."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from proxops.diagrams.surveys import Surveyed
+from proxops.studies.report.plots import BLACK, BLUE, ORANGE, label_axis, new_figure
+from proxops.systems.common import Values, Vectors3
+from proxops.training.reports import Section, Table, Text, picture, write_report
+
+# Returns whose residuals are drawn, at most.
+_MOST = 60_000
+
+
+def write_survey_report(
+    out: Path, title: str, surveyed: Surveyed, rows: list[tuple[str, str]]
+) -> None:
+    """Writes the report of a survey into a folder, as HTML and as Markdown.
+
+    Args:
+      surveyed: what `run_survey` gave. rows: names and texts of the figures to show.
+    """
+    figures, sure = surveyed.figures, surveyed.uncertainty
+    seen = f"{figures['covered']:.2%} of the surface has returns."
+    blocks = [
+        Text(
+            "What is compared with the truth is for the reader: nobody on board has it. The map is "
+            "compared after one rigid motion, at points all over its surface."
+        ),
+        Table(("", "value"), rows),
+    ]
+    coverage = plot_over_surface(
+        surveyed.shape.vertices, np.log10(np.maximum(sure.counts, 0.3)), "returns, as log10"
+    )
+    size = float(surveyed.shape.extents.max())
+    said = plot_over_surface(
+        surveyed.shape.vertices, 100.0 * sure.deviations / size, "standard deviation, % of the size"
+    )
+    sections = [
+        Section("Figures", blocks),
+        Section("What was seen", [picture("coverage", coverage, seen)]),
+        Section(
+            "Residuals",
+            [
+                picture(
+                    "residuals",
+                    plot_residuals(surveyed),
+                    "Left: residuals of the returns over the standard deviation that is expected, "
+                    "and the normal distribution. Right: their root mean square over time.",
+                )
+            ],
+        ),
+        Section(
+            "What is uncertain where",
+            [
+                picture("uncertainty", said, "What the survey itself says of its map."),
+                picture(
+                    "errors",
+                    plot_errors(surveyed.errors, surveyed.deviations),
+                    "The map's errors over the standard deviations that the survey says.",
+                ),
+            ],
+        ),
+    ]
+    write_report(out, title, sections)
+
+
+def plot_over_surface(vertices: Vectors3, values: Values, label: str) -> Figure:
+    """Draws values (V,) at vertices (V, 3) over longitude and latitude."""
+    figure = new_figure(8.0, 3.6)
+    axis = figure.add_subplot()
+    longitude = np.degrees(np.arctan2(vertices[:, 1], vertices[:, 0]))
+    latitude = np.degrees(np.arctan2(vertices[:, 2], np.hypot(vertices[:, 0], vertices[:, 1])))
+    dots = axis.scatter(longitude, latitude, c=values, s=4.0, cmap="viridis", linewidths=0.0)
+    label_axis(axis, "longitude (degrees)", "latitude (degrees)")
+    figure.colorbar(dots, ax=axis, label=label)
+    return figure
+
+
+def plot_residuals(surveyed: Surveyed) -> Figure:
+    """Draws the distribution of the residuals, and their size over time."""
+    solution, returns = surveyed.found.solution, surveyed.found.returns
+    ratio = solution.residuals / solution.deviations
+    figure = new_figure(8.0, 3.2)
+    left, right = figure.subplots(1, 2)
+    some = ratio[:: -(-len(ratio) // _MOST)]
+    left.hist(some, bins=80, range=(-4.0, 4.0), density=True, color=BLUE, alpha=0.6)
+    across = np.linspace(-4.0, 4.0, 200)
+    left.plot(across, np.exp(-0.5 * across**2) / np.sqrt(2.0 * np.pi), color=BLACK)
+    label_axis(left, "residual / standard deviation", "density")
+    hours = returns.times[returns.frames] / 3600.0
+    edges = np.linspace(hours[0], hours[-1], 49)
+    cell = np.clip(np.digitize(hours, edges) - 1, 0, 47)
+    # False returns would hide the others.
+    squares = np.bincount(cell, np.minimum(ratio**2, 16.0), 48)
+    rms = np.sqrt(squares / np.maximum(np.bincount(cell, minlength=48), 1))
+    right.plot(0.5 * (edges[1:] + edges[:-1]), rms, color=ORANGE)
+    right.set_ylim(0.0, None)
+    label_axis(right, "time (h)", "rms of residual / standard deviation")
+    return figure
+
+
+def plot_errors(errors: Values, deviations: Values) -> Figure:
+    """Draws the distribution of errors (K,) over their standard deviations (K,)."""
+    figure = new_figure(8.0, 2.8)
+    axis = figure.add_subplot()
+    axis.hist(errors / deviations, bins=100, range=(-4.0, 4.0), density=True, color=BLUE, alpha=0.6)
+    across = np.linspace(-4.0, 4.0, 200)
+    axis.plot(across, np.exp(-0.5 * across**2) / np.sqrt(2.0 * np.pi), color=BLACK)
+    label_axis(axis, "error / standard deviation", "density")
+    return figure
