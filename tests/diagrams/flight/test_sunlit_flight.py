@@ -111,6 +111,7 @@ def test_the_shadow_comes_late_by_less_than_a_period() -> None:
     assert np.linalg.norm(found - unhidden) > 100.0 * PUSH
 
 
+@pytest.mark.slow
 def test_the_navigation_counts_it() -> None:
     """Within three sigma in nearly all steps; a navigation that is told of no Sun is not."""
     settings = {"log_ranges": False, "transit.index": 1}

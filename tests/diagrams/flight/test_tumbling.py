@@ -97,6 +97,7 @@ def test_derivatives_by_a_spin_that_is_told(kind):
         np.testing.assert_allclose(found[:, k], column / 2e-6, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_who_knows_the_wobble_flies_as_if_there_were_none(wobbling):
     """Navigation and MPC, against the flight at a body that turns steadily; and who is not told."""
     settings = {"transit.index": 0, "log_ranges": False}

@@ -132,6 +132,7 @@ def test_the_filter_knows_how_wrong_it_is():
     assert low < np.mean(nees) < high
 
 
+@pytest.mark.slow
 def test_errors_that_are_alike_count_as_more_noise():
     """The mean of the errors at each tenth step: what white noise would have to be for it."""
     means = []
