@@ -21,7 +21,7 @@ from proxops.cli.common import (
     work_bar,
 )
 from proxops.diagrams.scenario import SurveyConfig, load_body, load_scenario
-from proxops.systems.common import compiling_told
+from proxops.systems.common import InputError, compiling_told
 
 
 def survey_command(
@@ -29,6 +29,10 @@ def survey_command(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the survey.")] = 10000,
     hours: Annotated[
         float | None, typer.Option(help="Most time in orbit in h. Default: 24.")
+    ] = None,
+    visits: Annotated[
+        str | None,
+        typer.Option(help="Scenario of the visits, such as bennu_touch_and_go. Default: transits."),
     ] = None,
     settings: ScenarioChanges = None,
     dispersions: DispersionsName = None,
@@ -46,6 +50,8 @@ def survey_command(
       proxops survey --out out/survey
 
       proxops survey bennu --seed 31000 --hours 30 --out out/bennu-survey
+
+      proxops survey bennu --visits bennu_touch_and_go --out out/bennu
     """
     # matplotlib is slow to import.
     from proxops.diagrams.surveys import run_survey
@@ -60,8 +66,14 @@ def survey_command(
     name = wanted.dispersions or "first_look"
     transit = dc.replace(wanted.transit, seed=seed)
     wanted = dc.replace(wanted, dispersions=name, transit=transit)
+    after = None if visits is None else load_scenario(visits)
+    if (
+        after is not None
+        and load_body(after.body).shape.sha256 != load_body(wanted.body).shape.sha256
+    ):
+        raise InputError(f"--visits: {visits} is at {after.body}, not at {wanted.body}")
     with work_bar("surveying") as progress, compiling_told(progress):
-        surveyed = run_survey(wanted, load_body(wanted.body), out, progress)
+        surveyed = run_survey(wanted, load_body(wanted.body), out, progress, after)
         figures = surveyed.figures
         title = f"Survey of {wanted.body}, seed {seed}"
         write_survey_report(out, title, surveyed, _rows(figures))

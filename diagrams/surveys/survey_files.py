@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses as dc
 import math
 from pathlib import Path
@@ -22,7 +23,6 @@ from proxops.diagrams.scenario import (
     write_yaml,
 )  # fmt: skip
 from proxops.diagrams.surveys.survey_flight import SurveyFlight
-from proxops.systems.assurance import AssuranceConfig
 from proxops.systems.common import InputError, Values, make_folder, write_json, write_whole
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
 from proxops.systems.mapping import Estimated, MapUncertainty, Survey, matched
@@ -170,7 +170,8 @@ def visit_scenario(
 ) -> tuple[Scenario, Polyhedron]:
     """The scenario of visits, with the survey's own map, body and errors, and the true surface.
 
-    `truth` alone holds the truth: the world of the survey, in the frame of the new map.
+    `truth` alone holds the truth: the world of the survey, in the frame of the new map. `scenario`
+    says all else. Runtime assurance, if it has any, takes the survey's errors as its bounds.
     """
     world = flight.world
     shape, rate, centre = true_in(made, survey, world)
@@ -189,29 +190,30 @@ def visit_scenario(
         spin=float(np.linalg.norm(rate)) / body.spin_rate, pole_deg=[float(x) for x in pole[:2]],
         phase_deg=0.0,
     )  # fmt: skip
-    visit = dc.replace(
-        scenario, body="body.yaml", truth=truth, dispersions=None,
-        spacecraft=dc.replace(scenario.spacecraft, mass_kg=world.scenario.spacecraft.mass_kg),
-        lidar=dc.replace(scenario.lidar, noise_std_m=world.scenario.lidar.noise_std_m),
-        assurance=AssuranceConfig(bounds="expected.yaml"), task=Scenario().task,
-    )  # fmt: skip
+    visit = copy.deepcopy(scenario)
+    visit.body, visit.truth, visit.dispersions = "body.yaml", truth, None
+    if visit.assurance is not None:
+        visit.assurance.bounds = "expected.yaml"
+    if not visit.is_rigid:
+        visit.spacecraft.mass_kg = world.scenario.spacecraft.mass_kg
+        visit.lidar.noise_std_m = world.scenario.lidar.noise_std_m
     return visit, shape
 
 
 def write_survey(
     folder: Path,
     scenario: Scenario,
+    visits: Scenario,
     flight: SurveyFlight,
     found: Estimated,
     uncertainty: MapUncertainty,
-    name: str,
     times: dict[str, float],
 ) -> Surveyed:
     """Writes all files of a survey; returns what it gave, with its errors against the truth.
 
-    `times` are wall times in s, for the figures.
+    `scenario` is the survey's, `visits` what flies on the map later. `times` are wall times in s, for the figures.
     """
-    survey = found.survey
+    survey, name = found.survey, f"{flight.world.body.config.name}, surveyed"
     made = new_map(survey, uncertainty, name)
     report = body_of(made, survey, name, flight.world.scenario.spacecraft.mass_kg)
     body = report.body
@@ -223,7 +225,7 @@ def write_survey(
     entries = expected_entries(scenario, uncertainty, survey, made, body)
     remark = "# What the survey may be wrong about: dispersions, for assurance.bounds.\n"
     _write(folder / "expected.yaml", remark + write_yaml(_plain(entries)))
-    visit, true = visit_scenario(scenario, flight, made, survey, body, body.config.mass_kg)
+    visit, true = visit_scenario(visits, flight, made, survey, body, body.config.mass_kg)
     told = dc.replace(
         expected_of(visit, body, str(folder / "expected.yaml")),
         relief_rms_m=math.sqrt(uncertainty.rest),

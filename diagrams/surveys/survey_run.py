@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
 import time
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from proxops.diagrams.surveys.survey_flight import (
     around_of,
     survey_world,
 )
+from proxops.systems.assurance import AssuranceConfig
 from proxops.systems.common import InputError, Progress, make_folder, part_of, silent, write_whole
 from proxops.systems.mapping import (
     Estimated,
@@ -41,7 +43,11 @@ _LEAST_SEEN = 0.9
 
 
 def run_survey(
-    scenario: Scenario, body: Body, folder: Path, progress: Progress = silent
+    scenario: Scenario,
+    body: Body,
+    folder: Path,
+    progress: Progress = silent,
+    visits: Scenario | None = None,
 ) -> Surveyed:
     """Flies a survey and writes its map, its body, its errors and its scenario of visits.
 
@@ -50,6 +56,8 @@ def run_survey(
     Args:
       scenario: with a survey as its task. body: as believed; of its mesh, only the extents count.
       folder: is made if need be. progress: is called with the share done.
+      visits: what flies on the map later, such as a touch-and-go at the same body; None: transits
+        of `scenario`.
 
     Returns:
       What it found, and its errors against the truth, which nobody on board has.
@@ -83,9 +91,9 @@ def run_survey(
         if flying is not None:
             flying.close()
     progress(0.99, "writing")
-    name = f"{body.config.name}, surveyed"
     wall = {"flight_s": times[0], "estimation_s": times[1]}
-    return write_survey(folder, scenario, flight, found, uncertainty, name, wall)
+    visits = visits or dc.replace(scenario, task=Scenario().task, assurance=AssuranceConfig())
+    return write_survey(folder, scenario, visits, flight, found, uncertainty, wall)
 
 
 def _found(

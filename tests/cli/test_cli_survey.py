@@ -2,14 +2,17 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import proxops
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import SurveyConfig, load_body, load_scenario
 from proxops.diagrams.surveys import run_survey, survey_run
+from proxops.diagrams.surveys.survey_files import NewMap, visit_scenario
 from proxops.diagrams.surveys.survey_flight import Flying, around_of, survey_world
 from proxops.systems.common import InputError
 from proxops.systems.mapping import Returns
@@ -94,6 +97,31 @@ def test_surveys_start_far_away_and_differ_by_seed() -> None:
     assert not np.allclose(*starts)
 
 
+def test_visits_at_another_body_are_refused(tmp_path: Path, capsys) -> None:
+    code = proxops("survey", "ryugu", "--visits", "bennu_touch_and_go", "--out", tmp_path)
+    assert code == 2
+    assert "--visits: bennu_touch_and_go is at bennu, not at ryugu" in capsys.readouterr().err
+
+
+def test_visits_keep_what_they_are_and_take_the_survey_s_world() -> None:
+    """A map that is the body itself: the truth stays where it is."""
+    body = load_body("bennu")
+    world = survey_world(survey(), body)
+    flight: Any = SimpleNamespace(world=world)
+    made = NewMap(body.shape, np.eye(3), np.zeros(3), np.zeros((len(body.shape.vertices), 1)))
+    attitude = np.diag([1.0, 1.0, 1.0])[None]
+    found: Any = SimpleNamespace(body_attitudes=lambda times: attitude)
+    touch = load_scenario("bennu_touch_and_go")
+    visit, true = visit_scenario(touch, flight, made, found, body, body.config.mass_kg)
+    assert visit.task == touch.task
+    assert visit.spacecraft == touch.spacecraft
+    assert visit.assurance is None
+    assert visit.truth.thrusters == world.scenario.truth.thrusters
+    assert visit.truth.gravity == pytest.approx(world.scenario.truth.gravity)
+    assert visit.truth.mesh == "truth.obj"
+    assert len(true.vertices) == len(world.true_body.shape.vertices)
+
+
 @pytest.mark.slow
 def test_a_survey_and_a_visit(tmp_path: Path) -> None:
     scenario = survey(hours=20.0)
@@ -106,9 +134,7 @@ def test_a_survey_and_a_visit(tmp_path: Path) -> None:
     assert abs(figures["gravity_error"]) < 0.01
     assert figures["pole_error_deg"] < 0.05
     assert not figures["collided"]
-    visit = load_scenario(tmp_path / "visit.yaml")
-    # What the survey declares covers its map's error, but the truth is a mesh, which has no end.
-    with pytest.warns(UserWarning, match=r"truth\.mesh has no end"):
-        log = fly(visit, "mpc")
+    # What the survey declares covers its map's error, or there would be a warning.
+    log = fly(load_scenario(tmp_path / "visit.yaml"), "mpc")
     assert log.summary["success"]
     assert log.summary["navigation_consistent"] > 0.95
