@@ -67,10 +67,7 @@ def survey_command(
     transit = dc.replace(wanted.transit, seed=seed)
     wanted = dc.replace(wanted, dispersions=name, transit=transit)
     after = None if visits is None else load_scenario(visits)
-    if (
-        after is not None
-        and load_body(after.body).shape.sha256 != load_body(wanted.body).shape.sha256
-    ):
+    if after is not None and after.body != wanted.body:
         raise InputError(f"--visits: {visits} is at {after.body}, not at {wanted.body}")
     with work_bar("surveying") as progress, compiling_told(progress):
         surveyed = run_survey(wanted, load_body(wanted.body), out, progress, after)

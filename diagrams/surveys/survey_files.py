@@ -211,7 +211,8 @@ def write_survey(
 ) -> Surveyed:
     """Writes all files of a survey; returns what it gave, with its errors against the truth.
 
-    `scenario` is the survey's, `visits` what flies on the map later. `times` are wall times in s, for the figures.
+    `scenario` is the survey's, `visits` what flies on the map later. `times` are wall times in s,
+    for the figures.
     """
     survey, name = found.survey, f"{flight.world.body.config.name}, surveyed"
     made = new_map(survey, uncertainty, name)
