@@ -3,6 +3,7 @@
 What a benchmark computes is tested elsewhere, or is a figure and no test. `make bench` runs others.
 """
 
+import json
 import re
 import subprocess
 import sys
@@ -10,6 +11,9 @@ from pathlib import Path
 
 import pytest
 from pages import ROOT
+
+from proxops.diagrams.flight import fly
+from proxops.diagrams.scenario import load_scenario
 
 BENCHMARKS = ROOT / "benchmarks"
 
@@ -27,7 +31,6 @@ RUNS = {
     "closed_loop: one_at_a_time": [*ONE_FLIGHT, "--only", "truth.density_contrast x 1"],
     "closed_loop: other_forms": [*ONE_FLIGHT, "--only", "boulders and craters"],
     "closed_loop: schedule": [*ONE_FLIGHT, "--duration", "100"],
-    "mapping": ["kleopatra", "--seeds", "3:4", "--hours", "16"],
     "minimum_fuel": [*ONE_FLIGHT, "--intervals", "20"],
     "navigation": ["--only", "accuracy", "--bodies", "kleopatra", *ONE_FLIGHT],
     "touch": ["--flights", "1"],
@@ -36,13 +39,13 @@ RUNS = {
 # They compare with programs that the tests do not install.
 WITH_PEERS = {"agreement", "flight", "gravity", "lidar", "mpc_step"}
 
-# Its two actions belong together.
-SAME_FLIGHTS = "same_flights"
+# Its two actions belong together; and of one that makes a map, the map is tested.
+SAME_FLIGHTS, MAPPING = "same_flights", "mapping"
 
 
 def test_every_benchmark_is_run() -> None:
     found = {path.stem for path in BENCHMARKS.glob("[a-z]*.py")}
-    assert found == {name.partition(":")[0] for name in RUNS} | WITH_PEERS | {SAME_FLIGHTS}
+    assert found == {name.partition(":")[0] for name in RUNS} | WITH_PEERS | {SAME_FLIGHTS, MAPPING}
     assert len(found) <= 12
 
 
@@ -59,6 +62,24 @@ def test_a_flight_is_the_same_again(tmp_path: Path) -> None:
     one = ["flights.json", "--only", "on navigation, drawn world, assured"]
     run(SAME_FLIGHTS, ["record", *one], tmp_path)
     run(SAME_FLIGHTS, ["compare", *one], tmp_path)
+
+
+@pytest.mark.slow
+def test_a_survey_and_a_visit(tmp_path: Path) -> None:
+    run(MAPPING, ["kleopatra", "--seeds", "1:2"], tmp_path)
+    folder = tmp_path / "out" / "mapping" / "kleopatra-1"
+    figures = json.loads((folder / "survey.json").read_text())
+    assert figures["map_rms_of_size"] < 5e-4
+    assert figures["within_3_sigma"] > 0.98
+    assert figures["keep_out_entries"] == 0
+    assert abs(figures["gravity_error"]) < 0.01
+    assert figures["pole_error_deg"] < 0.05
+    assert not figures["collided"]
+    # At a sharp edge the map is farther off than its deviations say.
+    with pytest.warns(UserWarning, match=r"assurance\.bounds.*surface_m"):
+        log = fly(load_scenario(folder / "visit.yaml"), "mpc")
+    assert log.summary["success"]
+    assert log.summary["navigation_consistent"] > 0.95
 
 
 def run(name: str, options: list[str], folder: Path) -> str:
