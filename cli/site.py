@@ -20,7 +20,7 @@ from proxops.cli.common import (
     print_rows,
     status,
 )
-from proxops.diagrams.scenario import TouchMap, load_body, load_scenario, place_of, touch_map
+from proxops.diagrams.scenario import load_body, load_scenario, place_of, touch_map
 from proxops.systems.common import check_limits, make_folder, write_json, write_whole
 from proxops.systems.touch import SiteLimits, Sites, best_sites
 
@@ -90,18 +90,18 @@ def site_command(
         else:
             print_rows(f"{body.config.name}: can be touched there", list(_named(rows[0])))
         return
-    measured = touch_map(wanted, body, limits)
+    sites, use = touch_map(wanted, body, limits)
     extent = float(body.shape.extents.max())
-    best = best_sites(measured.sites, measured.use, count, max(_APART * extent, 2.0 * radius))
-    found = _rows(measured.sites.taken(best), measured.use[best])
+    best = best_sites(sites, use, count, max(_APART * extent, 2.0 * radius))
+    found = _rows(sites.taken(best), use[best])
     if as_json:
         print(json.dumps(found, indent=2))
     else:
-        _print_table(measured, found)
+        _print_table(body.config.name, use, found)
     make_folder(out)
     write_json(out / "sites.json", found)
-    worst = measured.use.max(axis=1)
-    figure = plot_sites(body.shape, measured.sites, worst, best, body.config.name)
+    worst = use.max(axis=1)
+    figure = plot_sites(body.shape, sites, worst, best, body.config.name)
     write_whole(out / "sites.png", lambda path: figure.savefig(path, dpi=120, format="png"))
     status.print(f"Wrote {out / 'sites.png'} and {out / 'sites.json'}")
 
@@ -144,13 +144,13 @@ def _named(row: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "used", f"{100.0 * row['greatest_share_of_a_limit']:.0f} %"
 
 
-def _print_table(measured: TouchMap, rows: list[dict[str, Any]]) -> None:
-    share = float((measured.use.max(axis=1) <= 1.0).mean())
-    title = f"{measured.body.config.name}: {100.0 * share:.0f} % of the places can be touched"
+def _print_table(name: str, use: np.ndarray, rows: list[dict[str, Any]]) -> None:
+    share = float((use.max(axis=1) <= 1.0).mean())
+    title = f"{name}: {100.0 * share:.0f} % of the places can be touched"
     table = Table(title=title, title_justify="left")
     table.add_column("", justify="right")
-    for name, _ in _named(rows[0]):
-        table.add_column(name, justify="right")
+    for figure, _ in _named(rows[0]):
+        table.add_column(figure, justify="right")
     for number, row in enumerate(rows, 1):
         table.add_row(str(number), *(value for _, value in _named(row)))
     console.print(table)

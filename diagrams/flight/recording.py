@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
-from proxops.diagrams.flight.touching import TouchMotion, touch_figures
+from proxops.diagrams.flight.touching import TouchMotion, contact_figures
 from proxops.diagrams.flight.world import has_thruster_errors
 from proxops.diagrams.logs import (
     CONTROLLER_COLUMNS,
@@ -234,7 +234,7 @@ def _attributes(flown: Flown, wall_time: float) -> dict[str, Any]:
         "wall_s": wall_time,
     }
     if flown.motion is not None:
-        attributes |= touch_figures(flown.motion, flown.world)
+        attributes |= contact_figures(flown.motion, flown.world)
     lidar = flown.diagram.GetSubsystemByName("lidar")
     if isinstance(lidar, LearnedLidar):
         attributes["lidar_sha256"] = lidar.bundle.sha256

@@ -101,7 +101,6 @@ def fly_world(
         while motion is not None and motion.near(context) and context.get_time() < latest:
             motion.fly(simulator, latest)
             simulator.AdvanceTo(latest)
-        context = simulator.get_context()
         if frames is not None:
             frames.keep_end(context)
         flown = Flown(diagram, context, world, controller, name, frames, motion)

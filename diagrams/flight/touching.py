@@ -69,12 +69,9 @@ def make_touch_controller(scenario: Scenario, body: Body) -> TouchController:
 
 def add_touch(wiring: Wiring) -> Signals:
     """Adds what contact gives, which `TouchMotion` sets; returns what is known of it on board."""
-    for name in ("head_force", "contact_record"):
-        size = 1 if name == "head_force" else 3
-        source = wiring.add(name, ConstantVectorSource(np.zeros(size)))
-        if name == "contact_record":
-            wiring.logged[name] = source.get_output_port()
-    head = wiring.builder.GetSubsystemByName("head_force")
+    record = wiring.add("contact_record", ConstantVectorSource(np.zeros(3)))
+    wiring.logged["contact_record"] = record.get_output_port()
+    head = wiring.add("head_force", ConstantVectorSource(np.zeros(1)))
     return {"head_force": head.get_output_port()}
 
 
@@ -221,7 +218,7 @@ def _look(plant: Diagram, context: Context) -> np.ndarray:
     )  # fmt: skip
 
 
-def touch_figures(motion: TouchMotion, world: World) -> dict[str, float]:
+def contact_figures(motion: TouchMotion, world: World) -> dict[str, float]:
     """What came of a touch, as attributes of a log; none if nothing touched.
 
     Of the first touch: time (s), miss (m, across the normal), speeds down and across (m/s), angle

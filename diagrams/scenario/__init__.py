@@ -46,7 +46,6 @@ from proxops.diagrams.scenario.sunlit import facets_of
 from proxops.diagrams.scenario.survey_expectations import survey_errors
 from proxops.diagrams.scenario.tasks import EnoughConfig, SurveyConfig, TouchAndGoConfig
 from proxops.diagrams.scenario.touchable import (
-    TouchMap,
     place_of,
     site_world,
     touch_arm,
@@ -118,7 +117,6 @@ __all__ = [
     "SpacecraftModel",
     "SurveyConfig",
     "TouchAndGoConfig",
-    "TouchMap",
     "Transit",
     "TransitConfig",
     "TrueBody",

@@ -356,13 +356,13 @@ def _mesh_differences(dispersions: Dispersions) -> tuple[float, float, float]:
     The latter as `_gravity_differences` gives them, for the meshes themselves.
     """
     truth, body = dispersions.scenario.truth, dispersions.body
+    axes = tuple(body.keep_out_semi_axes.tolist())
     found = [(0.0, 0.0, 0.0)]
     units = dispersions.values_of("truth.mesh_unit") or [truth.mesh_unit]
     any_size = any(dispersions.values_of("truth.mesh_of_any_size")) or truth.mesh_of_any_size
     for mesh, unit in itertools.product(dispersions.values_of("truth.mesh"), units):
         if mesh is not None:
             other = TruthConfig(mesh=mesh, mesh_unit=unit, mesh_of_any_size=any_size)
-            axes = tuple(body.keep_out_semi_axes.tolist())
             shape = true_shape(body, other)
             found.append(_mesh_difference(body.shape, body.gravity_field.mass, axes, shape))
     gap, gravity, shift = np.max(found, axis=0).tolist()

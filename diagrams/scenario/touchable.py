@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses as dc
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -43,21 +42,8 @@ _OFF = 1.0
 _DOWN, _DEEP = (0.0, 0.0, -1.0), 1e6
 
 
-class TouchMap(NamedTuple):
-    """A map's places, as they were measured, and what they were measured for."""
-
-    body: Body
-    world: SiteWorld
-    thrust: float
-    """N: the limit along an axis."""
-    limits: SiteLimits
-    sites: Sites
-    use: np.ndarray
-    """(N, 6): `use_of_limits`."""
-
-
-def touch_map(scenario: Scenario, body: Body, limits: SiteLimits) -> TouchMap:
-    """Measures all places of a body.
+def touch_map(scenario: Scenario, body: Body, limits: SiteLimits) -> tuple[Sites, np.ndarray]:
+    """Measures all places of a body: they and their use of the limits (N, 6).
 
     Raises:
       InputError: none can be touched; the message says what most of them lack.
@@ -73,7 +59,7 @@ def touch_map(scenario: Scenario, body: Body, limits: SiteLimits) -> TouchMap:
             f"no place of {body.config.name} can be touched, most for their {lacking}. The best is "
             f"{_place_text(sites, near)}, but {why}"
         )
-    return TouchMap(body, world, thrust, limits, sites, use)
+    return sites, use
 
 
 def place_of(
@@ -99,22 +85,22 @@ def place_of(
         try:
             point, facet = place_near(body.shape, position, _OFF * limits.radius_m)
         except InputError as error:
-            near = _nearest_text(touch_map(scenario, body, limits), position)
+            near = _nearest_text(*touch_map(scenario, body, limits), position)
             raise InputError(f"{name}: {error}; {near}") from error
     world, thrust = site_world(scenario, body), scenario.spacecraft.thrust_limit_n
     place = measured_sites(body.shape, point[None], body.shape.normals[facet][None], limits, world)
     use = use_of_limits(place, limits, thrust)
     lacking = why_not(place, use, 0, limits, thrust)
     if lacking:
-        near = _nearest_text(touch_map(scenario, body, limits), point)
+        near = _nearest_text(*touch_map(scenario, body, limits), point)
         raise InputError(f"{name} cannot be touched: {'; '.join(lacking)}; {near}")
     return place, use
 
 
-def _nearest_text(found: TouchMap, position: Vector3) -> str:
-    near = nearest_site(found.sites, found.use, position)
+def _nearest_text(sites: Sites, use: np.ndarray, position: Vector3) -> str:
+    near = nearest_site(sites, use, position)
     assert near is not None
-    return f"the nearest place that can be is {_place_text(found.sites, near)}"
+    return f"the nearest place that can be is {_place_text(sites, near)}"
 
 
 def _place_text(sites: Sites, k: int) -> str:
@@ -134,9 +120,9 @@ def with_site(scenario: Scenario, body: Body) -> Scenario:
     if not isinstance(craft, RigidBodyConfig):
         raise InputError("a touch-and-go needs a spacecraft of some size: spacecraft: !RigidBody")
     if task.site is None:
-        found = touch_map(scenario, body, task.limits)
-        best = int(best_sites(found.sites, found.use, 1, 1.0)[0])
-        task = dc.replace(task, site=found.sites.positions[best].tolist())
+        sites, use = touch_map(scenario, body, task.limits)
+        best = int(best_sites(sites, use, 1, 1.0)[0])
+        task = dc.replace(task, site=sites.positions[best].tolist())
     elif len(task.site) != 3:
         place, _ = place_of(scenario, body, task.limits, task.site, "task.site")
         task = dc.replace(task, site=place.positions[0].tolist())

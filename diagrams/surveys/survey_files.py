@@ -166,14 +166,14 @@ def expected_entries(
 
 
 def visit_scenario(
-    scenario: Scenario, flight: SurveyFlight, made: NewMap, survey: Survey, body: Body, mass: float
+    scenario: Scenario, flight: SurveyFlight, made: NewMap, survey: Survey, body: Body
 ) -> tuple[Scenario, Polyhedron]:
     """The scenario of visits, with the survey's own map, body and errors, and the true surface.
 
     `truth` alone holds the truth: the world of the survey, in the frame of the new map. `scenario`
     says all else. Runtime assurance, if it has any, takes the survey's errors as its bounds.
     """
-    world = flight.world
+    world, mass = flight.world, body.config.mass_kg
     shape, rate, centre = true_in(made, survey, world)
     drawn, true = world.scenario.truth, world.true_body
     axis = rate / np.linalg.norm(rate)
@@ -226,7 +226,7 @@ def write_survey(
     entries = expected_entries(scenario, uncertainty, survey, made, body)
     remark = "# What the survey may be wrong about: dispersions, for assurance.bounds.\n"
     _write(folder / "expected.yaml", remark + write_yaml(_plain(entries)))
-    visit, true = visit_scenario(visits, flight, made, survey, body, body.config.mass_kg)
+    visit, true = visit_scenario(visits, flight, made, survey, body)
     told = dc.replace(
         expected_of(visit, body, str(folder / "expected.yaml")),
         relief_rms_m=math.sqrt(uncertainty.rest),

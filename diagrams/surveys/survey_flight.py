@@ -53,8 +53,6 @@ class SurveyFlight(NamedTuple):
     """How often it entered the keep-out sphere of `Around`."""
     hours: float
     """Time in orbit in h."""
-    seen: float
-    """Share of the surface that it knew to have seen."""
     collided: bool
     world: World
 
@@ -186,9 +184,7 @@ class Flying:
         self._simulator.set_monitor(monitor)
         self._simulator.AdvanceTo(3600.0 * (task.hours + task.approach_hours))
         own = controller.GetMyContextFromRoot(self._simulator.get_context())
-        return self._kept.flight(
-            self._around, controller.kept_for(own) / 3600.0, controller.seen(own)
-        )
+        return self._kept.flight(self._around, controller.kept_for(own) / 3600.0)
 
     def close(self) -> None:
         """Lets the diagram go."""
@@ -226,7 +222,7 @@ class _Kept:
         if self._orbit is None and self._controller.kept_for(own) > 0.0:
             self._orbit = now
 
-    def flight(self, around: Around, hours: float, seen: float) -> SurveyFlight:
+    def flight(self, around: Around, hours: float) -> SurveyFlight:
         """The flight.
 
         Raises:
@@ -266,6 +262,6 @@ class _Kept:
             returns, around, self._orbit,
             float(np.abs(forces).sum() * self._period / mass),
             float(clearances(body.keep_out_semi_axes, places).min()),
-            int(within[0]) + int((within[1:] & ~within[:-1]).sum()), hours, seen,
+            int(within[0]) + int((within[1:] & ~within[:-1]).sum()), hours,
             bool(inside.any()), self._world,
         )  # fmt: skip

@@ -35,7 +35,7 @@ from proxops.systems.mapping import (
 )
 
 _FLIGHT = "survey.npz"
-_FIGURES = ("orbit_time", "delta_v", "clearance", "entries", "hours", "seen", "collided")
+_FIGURES = ("orbit_time", "delta_v", "clearance", "entries", "hours", "collided")
 # It flies so much longer, first and if its map is not good enough yet, over the most time.
 _LONGER = 0.5
 # Share of the surface without which there is no map.

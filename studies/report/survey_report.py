@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from proxops.diagrams.surveys import Surveyed
@@ -88,10 +89,7 @@ def plot_residuals(surveyed: Surveyed) -> Figure:
     figure = new_figure(8.0, 3.2)
     left, right = figure.subplots(1, 2)
     some = ratio[:: -(-len(ratio) // _MOST)]
-    left.hist(some, bins=80, range=(-4.0, 4.0), density=True, color=BLUE, alpha=0.6)
-    across = np.linspace(-4.0, 4.0, 200)
-    left.plot(across, np.exp(-0.5 * across**2) / np.sqrt(2.0 * np.pi), color=BLACK)
-    label_axis(left, "residual / standard deviation", "density")
+    _beside_normal(left, some, "residual / standard deviation")
     hours = returns.times[returns.frames] / 3600.0
     edges = np.linspace(hours[0], hours[-1], 49)
     cell = np.clip(np.digitize(hours, edges) - 1, 0, 47)
@@ -107,9 +105,13 @@ def plot_residuals(surveyed: Surveyed) -> Figure:
 def plot_errors(errors: Values, deviations: Values) -> Figure:
     """Draws the distribution of errors (K,) over their standard deviations (K,)."""
     figure = new_figure(8.0, 2.8)
-    axis = figure.add_subplot()
-    axis.hist(errors / deviations, bins=100, range=(-4.0, 4.0), density=True, color=BLUE, alpha=0.6)
+    _beside_normal(figure.add_subplot(), errors / deviations, "error / standard deviation")
+    return figure
+
+
+def _beside_normal(axis: Axes, ratios: Values, label: str) -> None:
+    """Draws the distribution of ratios (K,), and the normal distribution."""
+    axis.hist(ratios, bins=80, range=(-4.0, 4.0), density=True, color=BLUE, alpha=0.6)
     across = np.linspace(-4.0, 4.0, 200)
     axis.plot(across, np.exp(-0.5 * across**2) / np.sqrt(2.0 * np.pi), color=BLACK)
-    label_axis(axis, "error / standard deviation", "density")
-    return figure
+    label_axis(axis, label, "density")

@@ -63,7 +63,10 @@ def make_facets(shape: Polyhedron) -> Facets:
 
 @kernel(fastmath=_FAST, error_model="numpy", forceinline=True)
 def _added(x, y, z, u, v, w, one, sums):
-    """The sums with a place at (x, y, z) from the field point; (u, v, w): normal times area."""
+    """The sums with a place at (x, y, z) from the field point; (u, v, w): normal times area.
+
+    ``one`` is 1 in the precision of the others.
+    """
     inverse = one / math.sqrt(x * x + y * y + z * z)
     cube = inverse * inverse * inverse
     cx, cy, cz = cube * x, cube * y, cube * z
@@ -81,8 +84,8 @@ def _sum_far(px, py, pz, rows, near, sums):
 
     Fills ``near`` (BLOCK,) with 1 where they are near; returns how many are.
     """
-    count, zero = _NOTHING[0], _NOTHING[0]
-    total = _NOTHING
+    zero = _NOTHING[0]
+    count, total = zero, _NOTHING
     for i in range(BLOCK):
         x, y, z = rows[0, i] - px, rows[1, i] - py, rows[2, i] - pz
         near[i] = _ONE if x * x + y * y + z * z < rows[12, i] else zero

@@ -27,10 +27,10 @@ from proxops.systems.shapes import Polyhedron, ellipsoidal_norms
 _FORMAT, _KIND = 2, "gravity"
 # Below the first, rounding is no longer small against the bound.
 _ERRORS = (1e-11, 1e-2)
-# The bound, of a mesh with at most so many facets and of one with more; and the bound from which
-# the table of the latter is made by quadrature.
 FINE_MESH = 10_000
 """A mesh with more facets is fine: its exact field takes milliseconds."""
+# The usual bound, that of a fine mesh, and the one from which the latter's table is made by
+# quadrature.
 _USUAL, _FINE_USUAL, _BY_QUADRATURE = 1e-9, 1e-6, 5e-7
 _log = logging.getLogger(__name__)
 

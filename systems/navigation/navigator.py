@@ -184,9 +184,8 @@ class Navigator:
             thrust = sum(map(abs, force.tolist()))
         push = np.append(force, thrust)
         if memory.phase == NavigationPhase.FOLLOWING and not self.model.map_error.coefficients:
-            return self._stepped(
-                memory, ranges, push, time, outside
-            )  # Matrices too small for threads.
+            # Matrices too small for threads.
+            return self._stepped(memory, ranges, push, time, outside)
         with one_thread():
             return self._stepped(memory, ranges, push, time, outside)
 

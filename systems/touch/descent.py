@@ -129,7 +129,7 @@ class DescentGuidance:
         # Of the controls, so that they are numbers of order one.
         weight = float(np.abs(self.apparent_gravity(site.position, 0.0)).max())
         self.unit = max(weight, descent.speed_m_s / descent.contact_s)
-        self.ends = np.cumsum([descent.checkpoint_s, descent.matchpoint_s, descent.contact_s])
+        self._ends = np.cumsum([descent.checkpoint_s, descent.matchpoint_s, descent.contact_s])
         self._limits = _corridor(site, descent)
         self._options = SolverOptions()
         self._options.SetOption(ClarabelSolver.id(), "presolve_enable", False)
@@ -143,7 +143,7 @@ class DescentGuidance:
     @property
     def duration(self) -> float:
         """Time in s from home to contact, as planned."""
-        return float(self.ends[-1])
+        return float(self._ends[-1])
 
     def height(self, state: State) -> float:
         """Height in m of a state (6,) over that of contact, along the normal."""
@@ -151,9 +151,11 @@ class DescentGuidance:
 
     def leg(self, elapsed: float, state: State) -> TouchPhase:
         """The leg at a time in s since the descent began, for a state (6,)."""
-        if self.height(state) < self.descent.terminal_m or elapsed >= self.ends[-1]:
+        if self.height(state) < self.descent.terminal_m or elapsed >= self._ends[-1]:
             return TouchPhase.TERMINAL
-        return TouchPhase(TouchPhase.CHECKPOINT + np.searchsorted(self.ends, elapsed, side="right"))
+        return TouchPhase(
+            TouchPhase.CHECKPOINT + np.searchsorted(self._ends, elapsed, side="right")
+        )
 
     def target(self, leg: TouchPhase) -> State:
         """The state (6,) in m and m/s at the end of a leg, or at rest at home."""
@@ -180,7 +182,7 @@ class DescentGuidance:
         leg, time = self.leg(elapsed, state), begun + elapsed
         if leg is TouchPhase.TERMINAL:
             return self.steady_force(time, state, -self.descent.speed_m_s)
-        left = self.ends[leg - TouchPhase.CHECKPOINT] - elapsed
+        left = self._ends[leg - TouchPhase.CHECKPOINT] - elapsed
         return self.plan(state, self.target(leg), left, time)[0]
 
     def steady_force(self, time: float, state: State, speed: float) -> Vector3:

@@ -110,7 +110,7 @@ def test_visits_keep_what_they_are_and_take_the_survey_s_world() -> None:
     attitude = np.diag([1.0, 1.0, 1.0])[None]
     found: Any = SimpleNamespace(body_attitudes=lambda times: attitude)
     touch = load_scenario("bennu_touch_and_go")
-    visit, true = visit_scenario(touch, flight, made, found, body, body.config.mass_kg)
+    visit, true = visit_scenario(touch, flight, made, found, body)
     assert visit.task == touch.task
     assert visit.spacecraft == touch.spacecraft
     assert visit.assurance is None

@@ -37,5 +37,5 @@ def test_it_runs_and_writes_what_it_says(path: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout
-    for name in re.findall(r"\"(\w+\.(?:png|html))\"", path.read_text()):
+    for name in re.findall(r"\"(\w+\.(?:png|html))\"", code):
         assert (tmp_path / name).stat().st_size > 1000
