@@ -28,6 +28,7 @@ from proxops.cli.common import (
     with_dispersions,
     work_bar,
 )
+from proxops.cli.survey import survey_rows
 from proxops.diagrams.flight import WITH_BUNDLE, fly, mended_map_of_flight
 from proxops.diagrams.logs import (
     FlightLog,
@@ -38,7 +39,14 @@ from proxops.diagrams.logs import (
     why_never_known,
 )
 from proxops.diagrams.meshcat import write_replay
-from proxops.diagrams.scenario import Body, Scenario, TransitConfig, load_body, load_scenario
+from proxops.diagrams.scenario import (
+    Body,
+    MissionConfig,
+    Scenario,
+    TransitConfig,
+    load_body,
+    load_scenario,
+)
 from proxops.systems.common import InputError, compiling_told, make_folder, write_json
 from proxops.systems.navigation import MendedMap, save_mended_map
 
@@ -80,13 +88,19 @@ def fly_command(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fly one transit; write flight.nc, summary.json and replay.html.
+    """Fly one transit, touch-and-go or mission; write flight.nc, summary.json and replay.html.
+
+    A mission surveys its body first, writes what `proxops survey` writes, and flies on from there
+    with flight.yaml, as hybrid if no other controller is given. Run it again to continue after an
+    interruption: the survey is not flown twice.
 
     Examples:
 
       proxops fly
 
       proxops fly bennu --controller hybrid
+
+      proxops fly bennu_mission --seed 34000 --out out/mission
 
       proxops fly --transit 1 --set spacecraft.mass_kg=120 --out out/heavy
 
@@ -109,6 +123,8 @@ def fly_command(
         controller = original.dataset.attrs["controller"]
     else:
         wanted = _scenario(scenario, with_dispersions(settings, dispersions), seed, transit)
+        if isinstance(wanted.task, MissionConfig):
+            wanted, controller = _surveyed(wanted, out), controller or "hybrid"
         body, true_body = load_body(wanted.body), None
         wanted = _without_making_a_table(wanted, body)
         print_remarks(wanted, body)
@@ -126,6 +142,22 @@ def fly_command(
         status.print(f"The flight repeats {log_file} bit for bit.")
     if server is not None:
         _wait_for_ctrl_c()
+
+
+def _surveyed(scenario: Scenario, out: Path) -> Scenario:
+    """Flies a mission's survey; gives the scenario of the flight after it."""
+    # matplotlib is slow to import.
+    from proxops.diagrams.surveys import begin_mission
+    from proxops.studies.report import write_survey_report
+
+    with work_bar("surveying") as progress, compiling_told(progress):
+        surveyed, after = begin_mission(scenario, load_body(scenario.body), out, progress)
+        title = f"Survey of {scenario.body}, seed {scenario.transit.seed}"
+        rows = survey_rows(surveyed.figures)
+        write_survey_report(out, title, surveyed, rows)
+    for name, text in rows:
+        status.print(f"{name}: {text}")
+    return after
 
 
 def _wait_for_ctrl_c() -> None:

@@ -73,17 +73,18 @@ def survey_command(
         surveyed = run_survey(wanted, load_body(wanted.body), out, progress, after)
         figures = surveyed.figures
         title = f"Survey of {wanted.body}, seed {seed}"
-        write_survey_report(out, title, surveyed, _rows(figures))
+        write_survey_report(out, title, surveyed, survey_rows(figures))
     if as_json:
         typer.echo(json.dumps(figures, indent=2))
     else:
-        print_rows(f"survey of {wanted.body}, seed {seed}", _rows(figures))
+        print_rows(f"survey of {wanted.body}, seed {seed}", survey_rows(figures))
     status.print(
         f"Wrote map.obj, body.yaml, expected.yaml, visit.yaml, survey.json and report.html in {out}"
     )
 
 
-def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
+def survey_rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
+    """The figures of `survey.json` as names and texts."""
     share = "{:.3%}".format
     return [
         ("map against the truth, rms over the size", share(figures["map_rms_of_size"])),

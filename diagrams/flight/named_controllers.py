@@ -40,7 +40,8 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
 
     `policy:FOLDER` and `hybrid:FOLDER` fly the policy of the bundle in FOLDER. `mpc:FOLDER` and
     `pd:FOLDER` fly the MPC and the PD controller on the state that this policy estimates; `mpc` and
-    `pd` fly on what the navigation knows, or on the true state if the scenario says so.
+    `pd` fly on what the navigation knows, or on the true state if the scenario says so. For a
+    touch-and-go without a transit, `mpc` is the `TouchController`, the only one that flies it.
 
     FACTORY is the user's function. It is called as `factory(scenario, body)` and returns a System
     with the ports that `make_transit_diagram` needs. MODULE may also be in the working directory.
@@ -48,7 +49,7 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     Raises:
       InputError: the name is unknown, no policy fits, or the factory cannot be imported or fails.
     """
-    touches = isinstance(scenario.task, TouchAndGoConfig)
+    touches = isinstance(scenario.task, TouchAndGoConfig) and not scenario.task.transit
     if name == "mpc":
         return make_touch_controller(scenario, body) if touches else make_mpc(scenario, body)
     if touches and (name in ("pd", "zero") or bundle_of(name, scenario) is not None):

@@ -12,12 +12,14 @@ from proxops.diagrams.scenario import LidarNavigationConfig
 from proxops.systems import (
     CommandAxes,
     DelayedHold,
+    EnabledValue,
     InputError,
     LidarNavigation,
     MendedMap,
     RuntimeAssurance,
 )
 from proxops.systems.common import check_port_size, force_port, offers_of
+from proxops.systems.touch import TouchController
 
 STATE_PORTS = ("state", "position", "velocity")
 """Ports of a controller that tell it its own motion."""
@@ -26,7 +28,11 @@ _OPTIONAL_PORTS = {"enable", "covariance", "failed"}
 
 
 def add_on_board(
-    wiring: Wiring, controller: System, signals: Signals, command_hold: LeafSystem
+    wiring: Wiring,
+    controller: System,
+    signals: Signals,
+    command_hold: LeafSystem,
+    touch: TouchController | None = None,
 ) -> tuple[OutputPort, Signals]:
     """Adds controller and runtime assurance, and the navigation if anything reads what it gives.
 
@@ -38,6 +44,7 @@ def add_on_board(
       controller: the controller.
       signals: what feeds it, with the true motion.
       command_hold: holds the command that controller and navigation know.
+      touch: flies what follows the transit of `controller`; None: nothing follows.
 
     Returns:
       The command (3,) in N in S, and the signals as they are known on board: with a navigation,
@@ -50,8 +57,7 @@ def add_on_board(
     assured = wiring.scenario.assurance is not None
     navigated = isinstance(wiring.scenario.navigation, LidarNavigationConfig)
     if not navigated or not (assured or any(map(controller.HasInputPort, STATE_PORTS))):
-        command = _add_controller(wiring, controller, signals)
-        return _assured(wiring, command, signals, delay), signals
+        return _commanded(wiring, controller, signals, delay, touch), signals
     # A command that acts late acts over a part of two periods.
     # A rigid spacecraft knows what its thrusters gave.
     mean = delay > 0.0 and "body_attitude" not in signals
@@ -77,12 +83,37 @@ def add_on_board(
         "velocity": parts.get_output_port(1),
         "covariance": navigation.GetOutputPort("covariance"),
     }
-    command = _assured(wiring, _add_controller(wiring, controller, known), known, delay)
+    command = _commanded(wiring, controller, known, delay, touch)
     # From K into S as the navigation believes it to be.
     axes = CommandAxes(wiring.scenario.spacecraft.thrust_limit_n)
     attitude = navigation.GetOutputPort("attitude")
     wiring.add("command_axes", axes, force=command, attitude=attitude, body_attitude=body_attitude)
     return axes.GetOutputPort("force"), known
+
+
+def _commanded(
+    wiring: Wiring,
+    controller: System,
+    known: Signals,
+    delay: float,
+    touch: TouchController | None,
+) -> OutputPort:
+    """Adds controller and runtime assurance, and what follows their transit; returns the force.
+
+    Once the transit is over, they are told no state, as if the navigation had none.
+    """
+    if touch is None:
+        return _assured(wiring, _add_controller(wiring, controller, known), known, delay)
+    builder = wiring.builder
+    in_transit = builder.AddNamedSystem("touch", touch).GetOutputPort("in_transit")
+    gated = dict(known)
+    for name in (*STATE_PORTS, "covariance"):
+        if name in known:
+            gate = EnabledValue(known[name].size())
+            wiring.add(f"transit_{name}", gate, enable=in_transit, value=known[name])
+            gated[name] = gate.GetOutputPort("value")
+    force = _assured(wiring, _add_controller(wiring, controller, gated), gated, delay)
+    return _connect_controller(wiring, touch, known | {"transit_force": force})
 
 
 def _add_controller(wiring: Wiring, controller: System, signals: Signals) -> OutputPort:
@@ -95,6 +126,11 @@ def _add_controller(wiring: Wiring, controller: System, signals: Signals) -> Out
     if not controller.get_name():
         controller.set_name("controller")
     wiring.add(controller.get_name(), controller)
+    return _connect_controller(wiring, controller, signals)
+
+
+def _connect_controller(wiring: Wiring, controller: System, signals: Signals) -> OutputPort:
+    """Connects a controller's ports: see `_add_controller`."""
     force = force_port(controller)
     for i in range(controller.num_input_ports()):
         port = controller.get_input_port(i)

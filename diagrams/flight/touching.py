@@ -64,7 +64,7 @@ def make_touch_controller(scenario: Scenario, body: Body) -> TouchController:
     )
     mission = Mission(guidance, scenario.control_period_s, task.tries, task.checks, task.away)
     thrusters = load_spacecraft(craft.model).thrusters.count
-    return TouchController(mission, scenario.lidar_geometry.size, thrusters)
+    return TouchController(mission, scenario.lidar_geometry.size, thrusters, task.transit)
 
 
 def add_touch(wiring: Wiring) -> Signals:

@@ -18,7 +18,7 @@ from pydrake.systems.primitives import ConstantVectorSource, VectorLogSink, Zero
 from proxops.diagrams.flight.named_controllers import named_controller
 from proxops.diagrams.flight.on_board import STATE_PORTS, add_on_board
 from proxops.diagrams.flight.rigid_body import add_actuation, add_attitude_sensors
-from proxops.diagrams.flight.touching import add_touch
+from proxops.diagrams.flight.touching import add_touch, make_touch_controller
 from proxops.diagrams.flight.wiring import Signals, Wiring
 from proxops.diagrams.flight.world import (
     add_accelerations,
@@ -171,11 +171,15 @@ def diagram_of(
     attitude = add_attitude(wiring, craft)
     lidar = add_lidar(wiring, craft.GetOutputPort("position"), attitude)
     touches = isinstance(scenario.task, TouchAndGoConfig)
+    touch = None
+    if isinstance(scenario.task, TouchAndGoConfig) and scenario.task.transit:
+        touch = make_touch_controller(world.belief, world.body)
     goal = np.concatenate([world.transit.goal, np.zeros(3)])
     target = wiring.add("target", _Target(goal)).get_output_port()
-    if touches and controller.HasOutputPort("target"):
-        target = controller.GetOutputPort("target")  # It goes from phase to phase.
-    wiring.logged["target"] = target
+    aim, flies_touch = target, touch or controller
+    if touches and flies_touch.HasOutputPort("target"):
+        aim = flies_touch.GetOutputPort("target")  # It goes from phase to phase.
+    wiring.logged["target"] = aim
     hold = wiring.add("hold", _make_hold(period, delay))
     command_hold = hold
     if scenario.disturbance is not None or scenario.force_noise is not None:
@@ -195,7 +199,7 @@ def diagram_of(
     else:
         add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
     true["ranges"] = without_moons(wiring, true["ranges"], sensed.get("body_attitude"))
-    command, known = add_on_board(wiring, controller, true, command_hold)
+    command, known = add_on_board(wiring, controller, true, command_hold, touch)
     hold_command(wiring, command, hold, command_hold)
     if isinstance(craft, RigidSpacecraft):
         acting = hold.GetOutputPort("y") if delay > 0.0 else wiring.logged["force"]
@@ -203,10 +207,10 @@ def diagram_of(
         if touches:  # The arm points along the normal, wherever the spacecraft is.
             position = wiring.add("home", ConstantVectorSource(goal[:3])).get_output_port()
         add_actuation(wiring, craft, acting, {**sensed, "position": position})
-        if controller.HasInputPort("failed"):
+        if flies_touch.HasInputPort("failed"):
             failed = wiring.logged["failed_thrusters"]
-            wiring.builder.Connect(failed, controller.GetInputPort("failed"))
-    add_monitor(wiring, true["state"], target)
+            wiring.builder.Connect(failed, flies_touch.GetInputPort("failed"))
+    add_monitor(wiring, true["state"], aim)
     # The lidar has no sink: see `KeptFrames`. The column `force` is the force that the hold takes
     # over at this step and holds until the next.
     for name, port in wiring.logged.items():

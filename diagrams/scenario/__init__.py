@@ -44,7 +44,12 @@ from proxops.diagrams.scenario.spacecraft_model import (
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
 from proxops.diagrams.scenario.sunlit import facets_of
 from proxops.diagrams.scenario.survey_expectations import survey_errors
-from proxops.diagrams.scenario.tasks import EnoughConfig, SurveyConfig, TouchAndGoConfig
+from proxops.diagrams.scenario.tasks import (
+    EnoughConfig,
+    MissionConfig,
+    SurveyConfig,
+    TouchAndGoConfig,
+)
 from proxops.diagrams.scenario.touchable import (
     place_of,
     site_world,
@@ -108,6 +113,7 @@ __all__ = [
     "LearnedLidarConfig",
     "LidarConfig",
     "LidarNavigationConfig",
+    "MissionConfig",
     "MpcConfig",
     "PointMassConfig",
     "RandomWalkDisturbanceConfig",

@@ -13,7 +13,7 @@ from proxops.diagrams.scenario.dispersions import Dispersions
 from proxops.diagrams.scenario.keys import default_at, value_at
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.scenario_config import Scenario, TrueStateConfig, TruthConfig
-from proxops.diagrams.scenario.tasks import TouchAndGoConfig
+from proxops.diagrams.scenario.tasks import Transit
 from proxops.diagrams.scenario.tuning import expected_errors
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.rotation import TorqueFreeSpin
@@ -34,7 +34,7 @@ def scenario_remarks(scenario: Scenario, body: Body) -> list[str]:
       scenario: as the user gave it, before a draw. body: as believed.
     """
     parts = _untold, _tumbling, _moons, _proportions, _reach, _mpc
-    if isinstance(scenario.task, TouchAndGoConfig):  # It draws no transit and flies no MPC.
+    if not isinstance(scenario.task, Transit):  # It draws no transit and flies no MPC.
         parts = _untold, _tumbling
     return [remark for part in parts for remark in part(scenario, body)]
 

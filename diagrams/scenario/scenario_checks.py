@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from proxops.diagrams.scenario.keys import names_and_paths, why_not_dispersed
 from proxops.diagrams.scenario.scenario_config import Scenario, TransitConfig
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
+from proxops.diagrams.scenario.tasks import TouchAndGoConfig, Transit
 from proxops.systems.common import InputError, check_limits
 from proxops.systems.lidar import LearnedLidarConfig
 
@@ -37,7 +38,8 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         _sunlight(scenario),
         _bundles(scenario),
         _dispersed(scenario),
-        _transit(scenario.transit, fastest),
+        _transit(scenario.transit, fastest, isinstance(scenario.task, Transit)),
+        _task(scenario),
     ):
         raise InputError(f"{source}: {complaint}")
 
@@ -102,20 +104,30 @@ def _bundles(scenario: Scenario) -> Iterator[str]:
             yield f"{key} must be a path, got {name!r}"
 
 
+def _task(scenario: Scenario) -> Iterator[str]:
+    """Yields a message for each setting that does not fit what the flight is to do."""
+    task = scenario.task
+    if isinstance(task, TouchAndGoConfig) and scenario.assurance is not None and not task.transit:
+        yield (
+            "runtime assurance keeps out of the keep-out ellipsoid, into which a touch-and-go "
+            "goes: leave it out, or set task.transit, which it guards"
+        )
+
+
 def _dispersed(scenario: Scenario) -> Iterator[str]:
     """Yields a message for each key of a drawn value that cannot have been drawn."""
     for complaint in filter(None, map(why_not_dispersed, scenario.dispersed)):
         yield f"dispersed is what proxops writes when it draws: {complaint}"
 
 
-def _transit(transit: TransitConfig, fastest: float) -> Iterator[str]:
+def _transit(transit: TransitConfig, fastest: float, goal_needed: bool) -> Iterator[str]:
     """Yields a message for each error in the transit; `fastest` is the speed limit in m/s."""
     if not transit.min_distance_m < transit.max_distance_m:
         yield (
             "transit.min_distance_m must be below transit.max_distance_m, "
             f"got {transit.min_distance_m}"
         )
-    if (transit.start_m is None) != (transit.goal_m is None):
+    if goal_needed and (transit.start_m is None) != (transit.goal_m is None):
         yield "transit needs both start_m and goal_m, or neither"
     for name in ("start_m", "goal_m", "start_velocity_m_s"):
         value = getattr(transit, name)

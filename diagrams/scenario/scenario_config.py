@@ -10,7 +10,12 @@ import math
 from collections.abc import Iterator, Mapping
 
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig
-from proxops.diagrams.scenario.tasks import SurveyConfig, TouchAndGoConfig, Transit
+from proxops.diagrams.scenario.tasks import (
+    MissionConfig,
+    SurveyConfig,
+    TouchAndGoConfig,
+    Transit,
+)
 from proxops.systems.assurance import AssuranceConfig
 from proxops.systems.attitude import TrueRigidBodyConfig
 from proxops.systems.common import FAR, config, html_table, number, one_of, vector
@@ -160,7 +165,9 @@ class Scenario:
     # Keys of the values that were drawn. proxops writes them when it draws.
     dispersed: list[str] = dc.field(default_factory=list)
     # What the flight is to do.
-    task: Transit | SurveyConfig | TouchAndGoConfig = dc.field(default_factory=Transit)
+    task: Transit | SurveyConfig | TouchAndGoConfig | MissionConfig = dc.field(
+        default_factory=Transit
+    )
     transit: TransitConfig = dc.field(default_factory=TransitConfig)
     arrival: ArrivalConfig = dc.field(default_factory=ArrivalConfig)
     # Time from one command to the next; a command is held for this time.

@@ -53,9 +53,12 @@ class TouchAndGoConfig:
     """Touch a place of the body, and come back.
 
     The spacecraft is a rigid body, with an arm along -z of S. The flight begins near home, above
-    the place, and ends when it is at rest there again. `transit.start_m` may say where it begins;
-    `transit.goal_m`, which must be given with it, has no meaning.
+    the place, or where `transit.start_m` says, and ends when it is at rest at home again.
     """
+
+    # Whether a transit to home comes first, from `transit.start_m` or from a start that is drawn.
+    # The flight's controller flies it, with runtime assurance if there is any.
+    transit: bool = False
 
     # The place: latitude and longitude in degrees, or a position in m in K; null: the best place
     # that `proxops site` finds. proxops writes the position of the place that is flown to.
@@ -71,3 +74,17 @@ class TouchAndGoConfig:
     aside_m: float = number(15.0, at_least=0.0, at_most=1e5, unit="m")
     # From the centre of mass to the far end of the arm's head.
     arm_m: float = number(3.0, above=0.2, at_most=100.0, unit="m")
+
+
+@config
+class MissionConfig:
+    """Come to a body that is known as an ellipsoid, and fly on a map of one's own.
+
+    A survey makes the map; then comes a touch-and-go whose transit begins where the survey ends.
+    `run_mission` and `proxops fly` fly it. `transit.seed` and `transit.index` say which mission of
+    a set.
+    """
+
+    survey: SurveyConfig = dc.field(default_factory=SurveyConfig)
+    # Its site is chosen on the survey's map, unless it is given.
+    touch: TouchAndGoConfig = dc.field(default_factory=lambda: TouchAndGoConfig(transit=True))

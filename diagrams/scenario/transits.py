@@ -163,8 +163,7 @@ def scenario_transit(scenario: Scenario, body: Body) -> Transit:
     """
     rules = scenario.transit
     if isinstance(scenario.task, TouchAndGoConfig):
-        # Where it begins, within the keep-out ellipsoid, and home.
-        return Transit(rules.seed, rules.index, *touch_ends(scenario, body))
+        return _way_home(scenario, body, scenario.task)
     velocity = np.array(rules.start_velocity_m_s or [0.0, 0.0, 0.0], dtype=np.float64)
     if rules.start_m is None or rules.goal_m is None:
         drawn = draw_transit(rules.seed, rules.index, scenario, body)
@@ -194,3 +193,26 @@ def scenario_transit(scenario: Scenario, body: Body) -> Transit:
                 f"thrusters give only {limit:.3g} N"
             )
     return Transit(rules.seed, rules.index, start, goal, velocity)
+
+
+def _way_home(scenario: Scenario, body: Body, task: TouchAndGoConfig) -> Transit:
+    """Where a touch-and-go begins, which may be within the keep-out ellipsoid, and its home.
+
+    Raises:
+      InputError: a transit should come first, and its home is where the MPC does not go.
+    """
+    rules = scenario.transit
+    start, home = touch_ends(scenario, body)
+    velocity = np.array(rules.start_velocity_m_s or [0.0, 0.0, 0.0], dtype=np.float64)
+    if task.transit:
+        if rules.start_m is None:
+            start = draw_transit(rules.seed, rules.index, scenario, body).start
+        clearance = float(clearances(body.keep_out_semi_axes, home[None])[0])
+        lacking = scenario.mpc.keep_out_margin_m - clearance
+        if lacking > 0.0:
+            raise InputError(
+                f"home, {task.descent.home_m:g} m above the place, is {lacking:.3g} m too near for "
+                "a transit, which keeps mpc.keep_out_margin_m away from the keep-out ellipsoid: "
+                "set task.descent.home_m higher, or choose another task.site"
+            )
+    return Transit(rules.seed, rules.index, start, home, velocity)

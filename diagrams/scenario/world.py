@@ -16,13 +16,13 @@ from proxops.diagrams.scenario.keys import set_value, value_at
 from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
-from proxops.diagrams.scenario.tasks import TouchAndGoConfig
+from proxops.diagrams.scenario.tasks import MissionConfig, SurveyConfig, TouchAndGoConfig
 from proxops.diagrams.scenario.touchable import with_site
 from proxops.diagrams.scenario.transits import Transit, scenario_transit
 from proxops.diagrams.scenario.true_body import TrueBody, check_flyable, make_true_body
 from proxops.diagrams.scenario.tuning import expected_errors, filter_tuning
 from proxops.systems.assurance import AssuranceBounds
-from proxops.systems.common import derived_seed, generator
+from proxops.systems.common import InputError, derived_seed, generator
 from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig
 
 
@@ -53,6 +53,11 @@ class World:
           UnflyableWorldError: the flight cannot begin in its world.
           InputError: the scenario cannot be flown.
         """
+        if isinstance(scenario.task, SurveyConfig | MissionConfig):
+            raise InputError(
+                "a survey is flown by run_survey or proxops survey, a mission by run_mission or "
+                "proxops fly: for a transit, set task: !Transit {}"
+            )
         body = (body or load_body(scenario.body)).with_gravity(scenario.gravity)
         drawn = draw_world(scenario, body)
         if isinstance(drawn.task, TouchAndGoConfig):

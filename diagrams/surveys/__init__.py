@@ -1,12 +1,21 @@
 """Surveys: a body that is known as an ellipsoid becomes a map, a body file and a scenario.
 
 Start with `run_survey`, which flies it, estimates, and writes all files into a folder; `Flying` is
-its flight alone. `survey_files` says what is written. What flies and estimates sees no truth: only
+its flight alone, and `run_mission` flies on from it to a touch. `survey_files` says what is written. What flies and estimates sees no truth: only
 `visit.yaml`, under `truth`, and the figures of `survey.json` hold it.
 """
 
+from proxops.diagrams.surveys.mission import MissionFlown, begin_mission, run_mission
 from proxops.diagrams.surveys.survey_files import Surveyed
 from proxops.diagrams.surveys.survey_flight import Flying, SurveyFlight
 from proxops.diagrams.surveys.survey_run import run_survey
 
-__all__ = ["Flying", "SurveyFlight", "Surveyed", "run_survey"]
+__all__ = [
+    "Flying",
+    "MissionFlown",
+    "SurveyFlight",
+    "Surveyed",
+    "begin_mission",
+    "run_mission",
+    "run_survey",
+]

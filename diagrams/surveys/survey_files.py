@@ -23,7 +23,16 @@ from proxops.diagrams.scenario import (
     write_yaml,
 )  # fmt: skip
 from proxops.diagrams.surveys.survey_flight import SurveyFlight
-from proxops.systems.common import InputError, Values, make_folder, write_json, write_whole
+from proxops.systems.common import (
+    InputError,
+    Matrix3,
+    Values,
+    Vector3,
+    make_folder,
+    rotation_matrix,
+    write_json,
+    write_whole,
+)
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
 from proxops.systems.mapping import Estimated, MapUncertainty, Survey, matched
 from proxops.systems.navigation import (
@@ -42,6 +51,21 @@ _KM = 1e3
 _WITHIN = np.array([[2.0, 2.0, 2.0], [4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
 
 
+class Placed(NamedTuple):
+    """The truth in the frame K of a survey's map. Only the truth of a scenario may hold it."""
+
+    shape: Polyhedron
+    """The true surface."""
+    rate: Vector3
+    """(3,) in rad/s: the true angular velocity."""
+    centre: Vector3
+    """(3,) in m: the true centre of mass."""
+    turn: Matrix3
+    """(3, 3): from the axes of the frame in which the survey was flown to those of K."""
+    shift: Vector3
+    """(3,) in m: the place in K of that frame's origin."""
+
+
 class Surveyed(NamedTuple):
     """What a survey gave, and how far it is from the truth, which nobody on board has."""
 
@@ -50,8 +74,10 @@ class Surveyed(NamedTuple):
     flight: SurveyFlight
     found: Estimated
     uncertainty: MapUncertainty
-    shape: Polyhedron
-    """The map in its frame K."""
+    made: NewMap
+    placed: Placed
+    visit: Scenario
+    """Of `visit.yaml`; its paths are relative to the folder."""
     errors: Values
     """(K,) in m: how far the map lies outside of the true surface, at points all over it."""
     deviations: Values
@@ -88,17 +114,17 @@ def new_map(survey: Survey, uncertainty: MapUncertainty, name: str) -> NewMap:
     return NewMap(turned, rotation, centre, uncertainty.table)
 
 
-def true_in(
-    made: NewMap, survey: Survey, world: World
-) -> tuple[Polyhedron, np.ndarray, np.ndarray]:
-    """The true surface, the true angular velocity (3,) and the true centre of mass (3,) in K.
-
-    Only the truth of a scenario may hold them.
-    """
-    true = world.true_body
+def true_attitude(world: World, time: float) -> Matrix3:
+    """R_NK (3, 3) of a survey's flight at a time in s, by the axes N that are believed."""
     phase = np.radians(world.scenario.truth.phase_deg)
-    attitude = Rotation.from_rotvec([0.0, 0.0, -phase]).as_matrix()  # R_NK of the flight, at 0.
-    turn = made.rotation @ survey.body_attitudes(np.zeros(1))[0].T @ attitude
+    behind = Rotation.from_rotvec([0.0, 0.0, -phase]).as_matrix()
+    return behind @ rotation_matrix(world.true_body.spin.attitude(time))
+
+
+def true_in(made: NewMap, survey: Survey, world: World) -> Placed:
+    """The truth in the frame K of the map, aligned as `registered` does."""
+    true = world.true_body
+    turn = made.rotation @ survey.body_attitudes(np.zeros(1))[0].T @ true_attitude(world, 0.0)
     moved = (true.shape.vertices - true.axis_point) @ turn.T - made.rotation @ made.centre
     placed = Polyhedron(moved, true.shape.facets, "truth")
     placed = registered(placed, made.shape)
@@ -106,7 +132,7 @@ def true_in(
     a, b = true.shape.vertices.mean(axis=0), placed.vertices.mean(axis=0)
     motion = Rotation.align_vectors(placed.vertices - b, true.shape.vertices - a)[0]
     whole, centre = motion.as_matrix(), motion.apply(true.axis_point - a) + b
-    return placed, whole @ true.spin.rate, centre
+    return Placed(placed, whole @ true.spin.rate, centre, whole, motion.apply(-a) + b)
 
 
 def body_of(made: NewMap, survey: Survey, name: str, craft_mass: float) -> ShapeReport:
@@ -166,15 +192,16 @@ def expected_entries(
 
 
 def visit_scenario(
-    scenario: Scenario, flight: SurveyFlight, made: NewMap, survey: Survey, body: Body
-) -> tuple[Scenario, Polyhedron]:
-    """The scenario of visits, with the survey's own map, body and errors, and the true surface.
+    scenario: Scenario, flight: SurveyFlight, placed: Placed, body: Body
+) -> Scenario:
+    """The scenario of visits, with the survey's own map, body and errors.
 
-    `truth` alone holds the truth: the world of the survey, in the frame of the new map. `scenario`
-    says all else. Runtime assurance, if it has any, takes the survey's errors as its bounds.
+    `truth` alone holds the truth: the world of the survey, `placed` in the frame of the new map.
+    `scenario` says all else. Runtime assurance, if it has any, takes the survey's errors as its
+    bounds.
     """
     world, mass = flight.world, body.config.mass_kg
-    shape, rate, centre = true_in(made, survey, world)
+    shape, rate, centre, *_ = placed
     drawn, true = world.scenario.truth, world.true_body
     axis = rate / np.linalg.norm(rate)
     across = np.cross([0.0, 0.0, 1.0], axis)
@@ -197,7 +224,7 @@ def visit_scenario(
     if not visit.is_rigid:
         visit.spacecraft.mass_kg = world.scenario.spacecraft.mass_kg
         visit.lidar.noise_std_m = world.scenario.lidar.noise_std_m
-    return visit, shape
+    return visit
 
 
 def write_survey(
@@ -226,7 +253,8 @@ def write_survey(
     entries = expected_entries(scenario, uncertainty, survey, made, body)
     remark = "# What the survey may be wrong about: dispersions, for assurance.bounds.\n"
     _write(folder / "expected.yaml", remark + write_yaml(_plain(entries)))
-    visit, true = visit_scenario(visits, flight, made, survey, body)
+    placed = true_in(made, survey, flight.world)
+    visit, true = visit_scenario(visits, flight, placed, body), placed.shape
     told = dc.replace(
         expected_of(visit, body, str(folder / "expected.yaml")),
         relief_rms_m=math.sqrt(uncertainty.rest),
@@ -239,7 +267,7 @@ def write_survey(
     errors = surface_errors(made.shape, true, uncertainty)
     figures = survey_figures(errors, true, flight, uncertainty, visit.truth, found) | times
     write_json(folder / "survey.json", figures)
-    return Surveyed(figures, flight, found, uncertainty, made.shape, errors[0], errors[1])
+    return Surveyed(figures, flight, found, uncertainty, made, placed, visit, *errors[:2])
 
 
 def survey_figures(

@@ -54,6 +54,8 @@ class SurveyFlight(NamedTuple):
     hours: float
     """Time in orbit in h."""
     collided: bool
+    end: np.ndarray
+    """(6,) in m and m/s in K: the true state at the last frame. Only the truth may hold it."""
     world: World
 
 
@@ -198,11 +200,11 @@ class _Kept:
         self._diagram, self._controller, self._world = diagram, controller, world
         self._period = period
         self._lidar = diagram.GetSubsystemByName("lidar").GetOutputPort("ranges")
-        self._craft = diagram.GetSubsystemByName("spacecraft").GetOutputPort("position")
+        self._craft = diagram.GetSubsystemByName("spacecraft").GetOutputPort("state")
         self._times: list[float] = []
         self._frames: list[tuple[np.ndarray, np.ndarray]] = []
         self._forces: list[np.ndarray] = []
-        self._places: list[np.ndarray] = []
+        self._states: list[np.ndarray] = []
         self._orbit: float | None = None
 
     def keep(self, context: Context, own: Context) -> None:
@@ -215,7 +217,7 @@ class _Kept:
         )
         seen = np.flatnonzero(np.isfinite(ranges))
         craft = self._diagram.GetSubsystemByName("spacecraft")
-        self._places.append(self._craft.Eval(craft.GetMyContextFromRoot(context)).copy())
+        self._states.append(self._craft.Eval(craft.GetMyContextFromRoot(context)).copy())
         self._times.append(now)
         self._frames.append((seen, ranges[seen]))
         self._forces.append(self._controller.GetOutputPort("force").Eval(own).copy())
@@ -255,7 +257,7 @@ class _Kept:
             directions[np.concatenate([seen for seen, _ in rays])],
             np.concatenate([ranges for _, ranges in rays]),
         )  # fmt: skip
-        places = np.array(self._places)
+        places = np.array(self._states)[:, :3]
         within = np.linalg.norm(places, axis=1) < around.keep_out
         inside = self._world.true_body.gravity_field.evaluate(places).inside
         return SurveyFlight(
@@ -263,5 +265,5 @@ class _Kept:
             float(np.abs(forces).sum() * self._period / mass),
             float(clearances(body.keep_out_semi_axes, places).min()),
             int(within[0]) + int((within[1:] & ~within[:-1]).sum()), hours,
-            bool(inside.any()), self._world,
+            bool(inside.any()), self._states[-1], self._world,
         )  # fmt: skip

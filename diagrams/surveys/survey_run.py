@@ -141,7 +141,9 @@ def _keep(path: Path, flight: SurveyFlight, scenario: Scenario) -> None:
 
     def write(name: Path) -> None:
         with name.open("wb") as file:
-            np.savez_compressed(file, scenario=text, body=np.array(scenario.body), **arrays)
+            np.savez_compressed(
+                file, scenario=text, body=np.array(scenario.body), end=flight.end, **arrays
+            )
 
     write_whole(path, write)
 
@@ -158,7 +160,7 @@ def _kept(path: Path, scenario: Scenario, body: Body) -> SurveyFlight | None:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         returns = Returns(**{name: arrays[name] for name in Returns._fields})
-        figures = {name: arrays[name].item() for name in _FIGURES}
+        figures = {name: arrays[name].item() for name in _FIGURES} | {"end": arrays["end"]}
         text, name = str(arrays["scenario"]), str(arrays["body"])
     except Exception as error:  # Damaged files raise errors of many types.
         raise InputError(f"{path} is no whole log of a survey: remove it to fly anew") from error

@@ -34,12 +34,13 @@ def write_survey_report(
         ),
         Table(("", "value"), rows),
     ]
+    shape = surveyed.made.shape
     coverage = plot_over_surface(
-        surveyed.shape.vertices, np.log10(np.maximum(sure.counts, 0.3)), "returns, as log10"
+        shape.vertices, np.log10(np.maximum(sure.counts, 0.3)), "returns, as log10"
     )
-    size = float(surveyed.shape.extents.max())
+    size = float(shape.extents.max())
     said = plot_over_surface(
-        surveyed.shape.vertices, 100.0 * sure.deviations / size, "standard deviation, % of the size"
+        shape.vertices, 100.0 * sure.deviations / size, "standard deviation, % of the size"
     )
     sections = [
         Section("Figures", blocks),

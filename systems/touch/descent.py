@@ -49,6 +49,8 @@ _SIDES = 8
 class TouchPhase(IntEnum):
     """Where in a touch-and-go the spacecraft is."""
 
+    TRANSIT = -1
+    """On the way home for the first time, as another controller flies it."""
     HOME = 0
     """On the way home, or there."""
     CHECKPOINT = 1
@@ -160,7 +162,7 @@ class DescentGuidance:
     def target(self, leg: TouchPhase) -> State:
         """The state (6,) in m and m/s at the end of a leg, or at rest at home."""
         descent, normal = self.descent, self.site.normal
-        if leg is TouchPhase.HOME:
+        if leg <= TouchPhase.HOME:
             return np.concatenate([self.home, np.zeros(3)])
         heights = {
             TouchPhase.CHECKPOINT: descent.checkpoint_m,

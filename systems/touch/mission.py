@@ -9,9 +9,10 @@
      └──────────── high ──────────────────────── AWAY ◄─────────────────────────────
                                         a check fails: abort
 
-At home it begins anew if nothing has touched and tries are left. All is a function of what is known
-on board: the navigated state and its covariance, whether frames come, the head's switch, and which
-thrusters are found to have failed.
+At home it begins anew if nothing has touched and tries are left. Before it there may be a TRANSIT,
+which another controller flies until it is at home. All is a function of what is known on board: the
+navigated state and its covariance, whether frames come, the head's switch, and which thrusters are
+found to have failed.
 """
 
 from __future__ import annotations
@@ -194,6 +195,8 @@ class Mission:
     def _entered(self, memory: Memory, seen: Seen) -> Memory:
         """The memory in the phase that this step flies."""
         phase, time = memory.phase, seen.time
+        if phase is TouchPhase.TRANSIT:
+            return self._homeward(memory, time) if self._at_home(memory) else memory
         if phase is TouchPhase.HOME:
             return self._begun(memory, seen) if self._may_begin(memory, seen) else memory
         if phase is TouchPhase.CONTACT:
@@ -218,10 +221,13 @@ class Mission:
         """Whether a descent begins: it is at home, knows it, and there is one left."""
         if memory.touched or memory.tries >= self.tries or seen.failed:
             return False
+        return self._at_home(memory) and self._unsure(memory, seen) is AbortReason.NONE
+
+    def _at_home(self, memory: Memory) -> bool:
         off = memory.state - self.guidance.target(TouchPhase.HOME)
         there = np.linalg.norm(off[:3]) <= 0.2 * self.guidance.descent.home_m
         slow = np.linalg.norm(off[3:]) <= self.away.home_m_s
-        return bool(there and slow) and self._unsure(memory, seen) is AbortReason.NONE
+        return memory.known and bool(there and slow)
 
     def _begun(self, memory: Memory, seen: Seen) -> Memory:
         return memory._replace(
@@ -286,7 +292,7 @@ class Mission:
     def _force(self, memory: Memory, time: float) -> Vector3:
         """The force (3,) in N of a phase."""
         guidance, phase, state = self.guidance, memory.phase, memory.state
-        if phase is TouchPhase.CONTACT or not memory.known:
+        if phase in (TouchPhase.CONTACT, TouchPhase.TRANSIT) or not memory.known:
             return np.zeros(3)
         if phase is TouchPhase.AWAY:
             return guidance.steady_force(time, state, self.away.speed_m_s)

@@ -12,40 +12,59 @@ from proxops.systems.touch.mission import AbortReason, Memory, Mission, Seen
 
 
 class TouchController(LeafSystem):
-    """Flies a touch-and-go from home to the ground and back.
+    """Flies a touch-and-go from home to the ground and back, if need be after a transit to home.
 
     ```
     state (6), m and m/s, K; NaN ─►┌─────────────────┐─► force (3), N, K
     covariance (81) ──────────────►│                 │─► target (6), m and m/s, K
-    ranges, m; +inf ──────────────►│ TouchController │
+    ranges, m; +inf ──────────────►│ TouchController │─► record (4)
     head_force (1), N ────────────►│                 │
-    failed (n) ───────────────────►└─────────────────┘─► record (4)
+    failed (n) ───────────────────►│                 │
+    transit_force (3), N, K ──────►└─────────────────┘─► in_transit (1)
     ```
 
     `target` is where the phase leads; `record` has `TouchPhase`, the `AbortReason` of the last
     abort, the descents begun, and the height in m at which an abort comes to rest. `covariance` and
     `failed` (1: this thruster was found to have failed) may remain open. Outputs are those of a
     step at whole multiples of the period. What it remembers is discrete state.
+
+    With a transit there are `transit_force`, of the controller that flies it, and `in_transit`: 1
+    up to the step at which home is reached. It depends on the memory alone, so that it may enable
+    that controller.
     """
 
-    def __init__(self, mission: Mission, rays: int, thrusters: int = 0):
-        """Takes the mission, the number of the lidar's rays, and that of thrusters; 0: none."""
+    def __init__(self, mission: Mission, rays: int, thrusters: int = 0, transit: bool = False):
+        """Takes the mission and the sizes of its ports.
+
+        Args:
+          mission: decides. rays: of the lidar. thrusters: 0: none can be known to have failed.
+          transit: whether a transit to home comes first.
+        """
         super().__init__()
         self.mission = mission
+        phase = TouchPhase.TRANSIT if transit else TouchPhase.HOME
         declare = self.DeclareVectorInputPort
         self._state_port, self._ranges_port = declare("state", 6), declare("ranges", rays)
         self._covariance_port = declare("covariance", 81)
         self._head_port = declare("head_force", 1)
         self._failed_port = declare("failed", thrusters) if thrusters else None
-        self._memory = self.DeclareDiscreteState(_packed(Memory()))
+        known = {
+            self.get_input_port(i).ticket() for i in range(self.num_input_ports())
+        }  # All but the transit's force, which asks for what the step says.
+        self._transit_port = declare("transit_force", 3) if transit else None
+        self._memory = self.DeclareDiscreteState(_packed(Memory(phase)))
         self._step = self.DeclareCacheEntry(
             "step",
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_step),
-            {self.all_input_ports_ticket(), self.xd_ticket(), self.time_ticket()},
+            known | {self.xd_ticket(), self.time_ticket()},
         )
         depends = {self._step.ticket()}
         output = self.DeclareVectorOutputPort
-        output("force", 3, lambda c, out: out.SetFromVector(self._step.Eval(c).force), depends)
+        if self._transit_port is None:
+            output("force", 3, self._calc_force, depends)
+        else:
+            output("force", 3, self._calc_force, depends | {self._transit_port.ticket()})
+            output("in_transit", 1, self._calc_in_transit, {self.xd_ticket()})
         self._target = output(
             "target", 6, lambda c, out: out.SetFromVector(self._step.Eval(c).target), depends
         )
@@ -74,6 +93,17 @@ class TouchController(LeafSystem):
             failed,
         )
         value.set_value(self.mission.step(memory, seen))
+
+    def _calc_force(self, context, output):
+        step = self._step.Eval(context)
+        if step.memory.phase is TouchPhase.TRANSIT:
+            output.SetFromVector(self._transit_port.Eval(context))
+        else:
+            output.SetFromVector(step.force)
+
+    def _calc_in_transit(self, context, output):
+        memory = _unpacked(context.get_discrete_state(self._memory).value())
+        output.SetFromVector([memory.phase is TouchPhase.TRANSIT])
 
     def _calc_record(self, context, output):
         step = self._step.Eval(context)

@@ -10,7 +10,7 @@ from commands import proxops
 
 from proxops.diagrams.scenario import SurveyConfig, load_body, load_scenario
 from proxops.diagrams.surveys import run_survey, survey_run
-from proxops.diagrams.surveys.survey_files import NewMap, visit_scenario
+from proxops.diagrams.surveys.survey_files import NewMap, true_in, visit_scenario
 from proxops.diagrams.surveys.survey_flight import Flying, around_of, survey_world
 from proxops.systems.common import InputError
 from proxops.systems.mapping import Returns
@@ -110,7 +110,8 @@ def test_visits_keep_what_they_are_and_take_the_survey_s_world() -> None:
     attitude = np.diag([1.0, 1.0, 1.0])[None]
     found: Any = SimpleNamespace(body_attitudes=lambda times: attitude)
     touch = load_scenario("bennu_touch_and_go")
-    visit, true = visit_scenario(touch, flight, made, found, body)
+    placed = true_in(made, found, world)
+    visit, true = visit_scenario(touch, flight, placed, body), placed.shape
     assert visit.task == touch.task
     assert visit.spacecraft == touch.spacecraft
     assert visit.assurance is None

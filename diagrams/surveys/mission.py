@@ -1,0 +1,125 @@
+"""`run_mission`: a survey, and then a touch-and-go that begins where the survey ends."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses as dc
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from proxops.diagrams.flight import fly
+from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.scenario import (
+    Body,
+    MissionConfig,
+    PointMassConfig,
+    Scenario,
+    dump_scenario,
+    load_scenario,
+)
+from proxops.diagrams.surveys.survey_files import Surveyed, true_attitude
+from proxops.diagrams.surveys.survey_run import run_survey
+from proxops.systems.common import InputError, Progress, part_of, silent, write_whole
+from proxops.systems.vehicle import STANDARD_GRAVITY, SunlightConfig, sun_direction
+
+# Of the whole, what the survey takes.
+_SURVEY = 0.7
+
+
+class MissionFlown(NamedTuple):
+    """What a mission gave."""
+
+    surveyed: Surveyed
+    log: FlightLog
+    """Of the flight after the survey: the transit to home, the touch, and the way home."""
+
+
+def run_mission(
+    scenario: Scenario,
+    body: Body,
+    folder: Path,
+    controller: str = "hybrid",
+    progress: Progress = silent,
+) -> MissionFlown:
+    """Flies a mission: what the survey found is all that the flight after it knows.
+
+    A survey's flight that the folder has already, of the same scenario, is not flown again.
+
+    Args:
+      scenario: with a mission as its task. body: as believed; of its mesh, only the extents count.
+      folder: takes the survey's files, and `flight.yaml`, the scenario of the flight after it.
+      controller: flies the transit to home; see `named_controller`.
+      progress: is called with the share done.
+
+    Raises:
+      InputError: the survey cannot be flown or saw too little; no place of its map can be touched,
+        or flown to; or the folder cannot be written.
+    """
+    surveyed, after = begin_mission(scenario, body, folder, part_of(progress, 0.0, _SURVEY))
+    return MissionFlown(surveyed, fly(after, controller, progress=part_of(progress, _SURVEY, 1.0)))
+
+
+def begin_mission(
+    scenario: Scenario, body: Body, folder: Path, progress: Progress = silent
+) -> tuple[Surveyed, Scenario]:
+    """Flies the survey of a mission; gives what it found, and the scenario of the flight after it.
+
+    Args, raises: see `run_mission`.
+    """
+    surveying, visiting = parts_of(scenario)
+    surveyed = run_survey(surveying, body, folder, progress, visiting)
+    text = f"# After the survey: to a place on its map.\n{dump_scenario(onward(surveyed))}"
+    path = folder / "flight.yaml"
+    write_whole(path, lambda file: file.write_text(text, encoding="utf-8"))
+    return surveyed, load_scenario(path)
+
+
+def parts_of(scenario: Scenario) -> tuple[Scenario, Scenario]:
+    """The scenarios of a mission's survey, which flies a point, and of what comes after it."""
+    mission, craft = scenario.task, scenario.spacecraft
+    if not isinstance(mission, MissionConfig):
+        raise InputError("the scenario's task is no mission: set task: !Mission {}")
+    point = PointMassConfig(craft.mass_kg, craft.thrust_limit_n, craft.speed_limit_m_s)
+    impulse = scenario.true_specific_impulse_s
+    truth = dc.replace(scenario.truth, specific_impulse_s=impulse)
+    survey = dc.replace(
+        scenario, task=mission.survey, spacecraft=point, truth=truth, assurance=None
+    )
+    return survey, dc.replace(scenario, task=mission.touch)
+
+
+def onward(surveyed: Surveyed) -> Scenario:
+    """The scenario of visits, begun where and as the survey ended: time 0 is the survey's end."""
+    flight, placed = surveyed.flight, surveyed.placed
+    world, found = flight.world, surveyed.found.survey
+    scenario, time = copy.deepcopy(surveyed.visit), float(flight.returns.times[-1])
+    scenario.transit.start_m = (placed.turn @ flight.end[:3] + placed.shift).tolist()
+    scenario.transit.start_velocity_m_s = (placed.turn @ flight.end[3:]).tolist()
+    attitude = true_attitude(world, time) @ placed.turn.T
+    believed = found.body_attitudes(np.array([time]))[0] @ surveyed.made.rotation.T
+    ahead = Rotation.from_matrix(attitude.T @ believed).as_rotvec()
+    # About the other axes it is the pole's error, which is among the truth.
+    scenario.truth.phase_deg = math.degrees(ahead[2])
+    drawn = world.scenario
+    left, impulse = 1.0, drawn.truth.specific_impulse_s
+    if impulse is not None:
+        left = math.exp(-flight.delta_v / (STANDARD_GRAVITY * impulse))
+    scenario.spacecraft.mass_kg = left * drawn.spacecraft.mass_kg
+    scenario.lidar.noise_std_m = drawn.lidar.noise_std_m
+    if scenario.sunlight is not None:
+        scenario.sunlight = _later(scenario.sunlight, time, attitude)
+    return scenario
+
+
+def _later(sunlight: SunlightConfig, time: float, attitude: np.ndarray) -> SunlightConfig:
+    """The Sun as it is at a time in s, by axes whose attitude (3, 3) in N is given."""
+    direction = attitude.T @ sun_direction(time, sunlight)
+    pole = attitude.T @ np.array(sunlight.orbit_pole)
+    # What kernels say is kept for the hours after it.
+    return dc.replace(
+        sunlight, direction=direction.tolist(), orbit_pole=pole.tolist(), kernels=None
+    )
