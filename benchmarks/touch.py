@@ -2,21 +2,34 @@
 
     python benchmarks/touch.py --flights 24
     python benchmarks/touch.py --flights 10 --fail
+    python benchmarks/touch.py --scenario bennu_mission --dispersions mission --flights 10
 
 Each flies the scenario `bennu_touch_and_go` in a world of its own, drawn from `touch_and_go`. With
-`--fail`, one of its thrusters fails at a time that is drawn, too.
+`--fail`, one of its thrusters fails at a time that is drawn, too. A mission makes its map first.
+Run the command again to continue after an interruption: missions in `--out` are not flown twice.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from proxops.diagrams.flight import fly
-from proxops.diagrams.scenario import load_body, load_scenario, load_spacecraft
-from proxops.systems.common import InputError, generator
+from proxops.diagrams.scenario import (
+    Body,
+    MissionConfig,
+    Scenario,
+    load_body,
+    load_scenario,
+    load_spacecraft,
+)
+from proxops.diagrams.surveys import run_mission
+from proxops.systems.common import InputError, generator, write_json
 
 # What is told of each touch: the key of the summary, its name, and its factor.
 FIGURES = {
@@ -33,6 +46,15 @@ FIGURES = {
     "touch_again": ("second touches", 1.0),
     "delta_v_m_s": ("delta-v, home again (m/s)", 1.0),
 }
+# Of a mission's survey.
+SURVEY_FIGURES = {
+    "map_rms_of_size": ("map, rms over its size (%)", 100.0),
+    "gravity_error": ("GM off (%)", 100.0),
+    "pole_error_deg": ("pole off (deg)", 1.0),
+    "hours": ("in orbit (h)", 1.0),
+    "survey_delta_v_m_s": ("delta-v, survey (m/s)", 1.0),
+    "navigation_consistent": ("navigation in 3 sigma", 1.0),
+}
 # The time in s within which a thruster fails: that of a flight.
 LATEST = 2000.0
 
@@ -45,6 +67,7 @@ def main() -> None:
     parser.add_argument("--flights", type=int, default=24)
     parser.add_argument("--seed", type=int, default=10000)
     parser.add_argument("--fail", action="store_true", help="a thruster fails in each flight")
+    parser.add_argument("--out", type=Path, default=Path("out/missions"), help="of missions")
     parser.add_argument("--set", action="append", default=[], help="KEY=VALUE of the scenario")
     parser.add_argument("--minutes", type=float, default=np.inf, help="no new flight after it")
     asked = parser.parse_args()
@@ -53,6 +76,7 @@ def main() -> None:
     )
     body, began, found = load_body(scenario.body), time.process_time(), []
     thrusters = load_spacecraft(scenario.spacecraft.model).thrusters.count
+    is_mission = isinstance(scenario.task, MissionConfig)
     for index in range(asked.flights):
         if time.process_time() - began > 60.0 * asked.minutes:
             break
@@ -63,7 +87,10 @@ def main() -> None:
             failure.failed_thruster = int(random.integers(thrusters))
             failure.failure_time_s = float(random.uniform(0.0, LATEST))
         try:
-            summary = fly(scenario, body=body).summary
+            if is_mission:
+                summary = flown_mission(scenario, body, asked.out / f"{asked.seed}-{index}")
+            else:
+                summary = fly(scenario, body=body).summary
         except InputError as error:
             print(f"flight {index}: {error}", flush=True)
             continue
@@ -83,6 +110,18 @@ def main() -> None:
     print(f"seed {asked.seed}: {spent:.0f} s of processor a flight")
 
 
+def flown_mission(scenario: Scenario, body: Body, folder: Path) -> dict[str, Any]:
+    """The summary of a mission's flight, with that of its survey; it is flown once a folder."""
+    path = folder / "summary.json"
+    if not path.is_file():
+        surveyed, log = run_mission(scenario, body, folder)
+        write_json(path, log.summary | {"survey": surveyed.figures})
+    summary = json.loads(path.read_text(encoding="utf-8"))
+    survey = summary["survey"]
+    of_survey = {name: survey[name] for name in SURVEY_FIGURES if name in survey}
+    return summary | of_survey | {"survey_delta_v_m_s": survey["delta_v_m_s"]}
+
+
 def _print(found: list[dict]) -> None:
     touched = [each for each in found if each["touched"]]
     counts = {
@@ -95,7 +134,7 @@ def _print(found: list[dict]) -> None:
     if not touched:
         return
     print(f"| {'':26} | least | median | 95 % | greatest |")
-    for key, (name, factor) in FIGURES.items():
+    for key, (name, factor) in (FIGURES | SURVEY_FIGURES).items():
         column = factor * np.array([each[key] for each in touched if key in each], dtype=float)
         if column.size:
             figures = [column.min(), *np.percentile(column, [50, 95]), column.max()]

@@ -207,6 +207,10 @@ def diagram_of(
         if touches:  # The arm points along the normal, wherever the spacecraft is.
             position = wiring.add("home", ConstantVectorSource(goal[:3])).get_output_port()
         add_actuation(wiring, craft, acting, {**sensed, "position": position})
+        if touches:
+            estimator = wiring.builder.GetSubsystemByName("torque_estimator")
+            outside = estimator.GetInputPort("outside_force")
+            wiring.builder.Connect(true["head_force"], outside)
         if flies_touch.HasInputPort("failed"):
             failed = wiring.logged["failed_thrusters"]
             wiring.builder.Connect(failed, flies_touch.GetInputPort("failed"))

@@ -11,7 +11,7 @@ import xarray as xr
 from proxops.diagrams.logs.attitude_figures import attitude_figures
 from proxops.diagrams.logs.columns import WALL_TIMES
 from proxops.diagrams.logs.navigation_figures import navigation_figures
-from proxops.diagrams.logs.touch_figures import touch_figures
+from proxops.diagrams.logs.touch_figures import of_controller, touch_figures
 from proxops.diagrams.scenario import Body, Scenario, dispersed_values
 from proxops.systems.assurance import InterventionReason
 from proxops.systems.common import States, Values
@@ -46,9 +46,10 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
     lengths = np.clip(times[-1] - starts, 0.0, np.diff(times))
     until = np.clip((arrival if arrived else np.inf) - starts, 0.0, lengths)
     error = states[-1] - data["target"].values[-1]
-    control_ms = _control_ms(data)
-    by_policy = data["decision"].values[:-1] == FlownBy.POLICY
-    under_way = by_policy[times[:-1] < arrival] if arrived else by_policy
+    flown = of_controller(data)
+    control_ms = _control_ms(flown)
+    by_policy = flown["decision"].values[:-1] == FlownBy.POLICY
+    under_way = by_policy[flown["time"].values[:-1] < arrival] if arrived else by_policy
     collided = bool(attrs["collided"])
     violations = int(attrs["keep_out_violations"])
     in_time = arrived and arrival <= scenario.arrival.deadline_s
@@ -71,7 +72,7 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
         "delta_v_m_s": float(thrust @ until),
         "hold_delta_v_m_s": float(thrust @ (lengths - until)),
         "steps": len(times) - 1,
-        "mpc_solves": int(np.isfinite(data["solve_time"].values).sum()),
+        "mpc_solves": int(np.isfinite(flown["solve_time"].values).sum()),
         "policy_share": float(np.mean(by_policy)),
         "policy_share_to_arrival": float(np.mean(under_way)) if under_way.size else None,
         "control_ms_median": float(np.median(control_ms)) if control_ms.size else None,
@@ -165,7 +166,7 @@ def fallback_steps(data: xr.Dataset) -> dict[str, int]:
     Returns:
       The number of steps by a text "what was done: reason".
     """
-    counts = collections.Counter()
+    counts, data = collections.Counter(), of_controller(data)
     if "policy_status" in data and (bad := int((data["policy_status"] > 0).sum())):
         counts["without force: policy not finite"] = bad
     pairs = zip(data["solve_status"].values, data["solve_reason"].values, strict=True)

@@ -12,6 +12,14 @@ from proxops.systems.touch import AbortReason, TouchPhase
 _DESCENDING = range(TouchPhase.CHECKPOINT, TouchPhase.CONTACT)
 
 
+def of_controller(data: xr.Dataset) -> xr.Dataset:
+    """The rows of a log at which its controller flew: all, or those of the transit to a touch."""
+    if "touch_phase" not in data:
+        return data
+    transit = data["touch_phase"].values == TouchPhase.TRANSIT
+    return data.isel(time=np.flatnonzero(transit)) if transit.any() else data
+
+
 def touch_figures(data: xr.Dataset) -> dict[str, Any]:
     """Gives what touched, where, how, and how it ended; nothing for another flight.
 

@@ -17,6 +17,7 @@ from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.tasks import MissionConfig, SurveyConfig, TouchAndGoConfig
+from proxops.diagrams.scenario.tasks import Transit as TransitTask
 from proxops.diagrams.scenario.touchable import with_site
 from proxops.diagrams.scenario.transits import Transit, scenario_transit
 from proxops.diagrams.scenario.true_body import TrueBody, check_flyable, make_true_body
@@ -143,7 +144,7 @@ def world_of(
     transit, world = scenario.transit, copy.deepcopy(scenario)
     if (
         transit.start_m is None
-        and not isinstance(scenario.task, TouchAndGoConfig)
+        and isinstance(scenario.task, TransitTask)
         and not {*KNOWN_ON_THE_DAY}.isdisjoint(dispersions.keys)
     ):
         # Another mass would permit other transits.

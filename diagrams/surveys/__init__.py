@@ -1,8 +1,9 @@
 """Surveys: a body that is known as an ellipsoid becomes a map, a body file and a scenario.
 
 Start with `run_survey`, which flies it, estimates, and writes all files into a folder; `Flying` is
-its flight alone, and `run_mission` flies on from it to a touch. `survey_files` says what is written. What flies and estimates sees no truth: only
-`visit.yaml`, under `truth`, and the figures of `survey.json` hold it.
+its flight alone, and `run_mission` flies on from it to a touch. `survey_files` says what is
+written. What flies and estimates sees no truth: only `visit.yaml`, under `truth`, and the figures
+of `survey.json` hold it.
 """
 
 from proxops.diagrams.surveys.mission import MissionFlown, begin_mission, run_mission

@@ -218,7 +218,8 @@ class TorqueEstimator(LeafSystem):
     angular_velocity (3), rad/s, S ─►┌─────────────────┐─► centre_of_mass (3), m, S
     on_times (n), s ────────────────►│                 │─► torque (3), N m, S
     wheel_torque (m), N m ──────────►│ TorqueEstimator │─► thruster_torques (3 n), N m, S
-    wheel_momentum (m), N m s ──────►└─────────────────┘─► failed (n): 1 of a failed thruster
+    wheel_momentum (m), N m s ──────►│                 │─► failed (n): 1 of a failed thruster
+    outside_force (1), N ───────────►└─────────────────┘
     ```
 
     `on_times` and `wheel_torque` are those of the period that ends now. The torque over it follows
@@ -226,7 +227,8 @@ class TorqueEstimator(LeafSystem):
     takes the rest. `centre_of_mass` is from that of the data sheet; `torque` is what no thruster
     gives; `thruster_torques` are those of each thruster that is on, about the true centre of mass,
     the first number of all, then the second, then the third. The state at an attitude step is that
-    after the step before, so outputs do not depend on inputs directly.
+    after the step before, so outputs do not depend on inputs directly. Nothing is learned from a
+    period with an `outside_force`, which may remain open: it turns S, too.
     """
 
     def __init__(
@@ -259,6 +261,7 @@ class TorqueEstimator(LeafSystem):
         if len(self.wheel_axes):
             self._wheel_port = declare("wheel_torque", len(self.wheel_axes))
             self._momentum_port = declare("wheel_momentum", len(self.wheel_axes))
+        self._outside_port = declare("outside_force", 1)
         # The last angular velocity (NaN: none yet), and the estimate.
         self._memory = self.DeclareDiscreteState(self._packed(np.full(3, np.nan), first))
         for name, size, of in (
@@ -286,8 +289,9 @@ class TorqueEstimator(LeafSystem):
     def _update(self, context, discrete_state):
         last, before = self._unpacked(context.get_discrete_state(self._memory).value())
         rate, on = self._rate_port.Eval(context), self._on_port.Eval(context)
-        now = before
-        if np.isfinite(last[0]):
+        now, outside = before, self._outside_port
+        pushed = outside.HasValue(context) and outside.Eval(context)[0] > 0.0
+        if np.isfinite(last[0]) and not pushed:
             motors, momenta = _NO_WHEELS, _NO_WHEELS
             if len(self.wheel_axes):
                 motors, momenta = self._wheel_port.Eval(context), self._momentum_port.Eval(context)

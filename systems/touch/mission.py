@@ -194,9 +194,12 @@ class Mission:
 
     def _entered(self, memory: Memory, seen: Seen) -> Memory:
         """The memory in the phase that this step flies."""
-        phase, time = memory.phase, seen.time
-        if phase is TouchPhase.TRANSIT:
-            return self._homeward(memory, time) if self._at_home(memory) else memory
+        time = seen.time
+        if memory.phase is TouchPhase.TRANSIT:
+            if not self._at_home(memory):
+                return memory
+            memory = self._homeward(memory, time)
+        phase = memory.phase
         if phase is TouchPhase.HOME:
             return self._begun(memory, seen) if self._may_begin(memory, seen) else memory
         if phase is TouchPhase.CONTACT:

@@ -45,7 +45,7 @@ def test_a_log_that_was_cut_is_refused(tmp_path: Path) -> None:
 
 def test_frames_of_another_body_are_refused(tmp_path: Path) -> None:
     with (tmp_path / "survey.npz").open("wb") as file:
-        names = [*Returns._fields, *survey_run._FIGURES, "scenario"]
+        names = [*Returns._fields, *survey_run._FIGURES, "scenario", "end"]
         empty: dict[str, Any] = dict.fromkeys(names, 0)
         np.savez(file, body=np.array("bennu"), **empty)
     with pytest.raises(InputError, match="frames of another body, bennu, not of kleopatra"):

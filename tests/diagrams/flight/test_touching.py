@@ -7,7 +7,7 @@ import pytest
 
 from proxops.diagrams.flight import fly, make_simulator, make_transit_diagram
 from proxops.diagrams.flight.touching import TouchMotion
-from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.logs import FlightLog, fallback_steps
 from proxops.diagrams.scenario import (
     RigidBodyConfig,
     Scenario,
@@ -58,6 +58,7 @@ def low(**changes: object) -> Scenario:
         ({"spacecraft": {"_tag": "!PointMass"}}, "mpc", "spacecraft: !RigidBody"),
         ({}, "policy", "'policy' flies transits"),
         ({"task.descent.home_m": 5.0}, "mpc", "must fall"),
+        ({"task.transit": True}, "mpc", r"home, 9 m .* too near for a transit"),
     ],
 )
 def test_refused(changes: dict, controller: str, message: str) -> None:
@@ -157,3 +158,40 @@ def test_one_log_without_a_gap(touched: FlightLog) -> None:
 def test_it_flies_again_bit_for_bit(touched: FlightLog) -> None:
     again = fly(touched.scenario)
     np.testing.assert_array_equal(again.dataset["state"].values, touched.dataset["state"].values)
+
+
+@pytest.mark.slow
+def test_a_transit_comes_first() -> None:
+    """The hybrid flies it under assurance, and nothing of it counts once it is at home."""
+    bennu = load_scenario("bennu")
+    site = touch_site(low(), load_body("bennu"))
+    start = site.position + 120.0 * site.normal + [0.0, 0.0, 20.0]
+    scenario = low(
+        **{
+            "task.transit": True,
+            "task.descent.home_m": 60.0,
+            "task.descent.checkpoint_m": 40.0,
+            "task.descent.matchpoint_m": 20.0,
+            "task.descent.checkpoint_s": 250.0,
+            "task.descent.matchpoint_s": 200.0,
+            "task.descent.contact_s": 200.0,
+            "transit.start_m": start.tolist(),
+            "transit.start_velocity_m_s": [0.02, 0.0, 0.01],
+            "assurance": {"_tag": "!Assurance"},
+            "mpc.nominal_acceleration_m_s2": bennu.mpc.nominal_acceleration_m_s2,
+            "mpc.min_horizon_s": bennu.mpc.min_horizon_s,
+            "mpc.keep_out_margin_m": 5.0,
+            "arrival.deadline_s": 3000.0,
+        }
+    )
+    log = fly(scenario, "hybrid")
+    found, data = log.summary, log.dataset
+    phases = data["touch_phase"].values
+    np.testing.assert_array_equal(data["state"].values[0], [*start, 0.02, 0.0, 0.01])
+    assert found["success"]
+    assert phases[0] == TouchPhase.TRANSIT
+    steps = np.flatnonzero(phases != TouchPhase.TRANSIT)[0]
+    assert (phases[steps:] >= TouchPhase.HOME).all()
+    assert found["mpc_solves"] <= steps
+    assert sum(fallback_steps(data).values()) == 0
+    assert np.isnan(data["policy_force"].values[steps + 1 :]).all()

@@ -181,7 +181,9 @@ def test_senseless_dispersions(text: str, complaint: str, tmp_path: Path) -> Non
 
 
 def test_unknown_dispersions() -> None:
-    with pytest.raises(InputError, match=r"after_survey, .*first_look, paper, touch_and_go do"):
+    with pytest.raises(
+        InputError, match=r"after_survey, .*first_look, mission, paper, touch_and_go do"
+    ):
         drawn("after_lunch")
     with pytest.raises(InputError, match="cannot be read"):
         drawn("nowhere.yaml")

@@ -14,7 +14,7 @@ from proxops.systems.touch.mission import (
     Seen,
     stopping_distance,
 )
-from proxops.systems.touch.touch_controller import _packed, _unpacked
+from proxops.systems.touch.touch_controller import TouchController, _packed, _unpacked
 
 UP, PULL, MASS, THRUST, PERIOD = np.array([0.0, 0.0, 1.0]), 5e-5, 1400.0, 6.0, 4.0
 SURE = np.diag([0.1, 0.1, 0.1, 0.002, 0.002, 0.002]) ** 2
@@ -61,6 +61,48 @@ def test_down_and_home_again() -> None:
     assert flown.memory.touched
     np.testing.assert_allclose(flown.state, np.r_[0.0, 0.0, 125.0, np.zeros(3)], atol=0.01)
     np.testing.assert_allclose(flown.step.target, np.r_[0.0, 0.0, 125.0, np.zeros(3)])
+
+
+def test_a_transit_ends_at_home_and_not_before_it_is_slow() -> None:
+    made, memory = mission(), Memory(TouchPhase.TRANSIT)
+    home = made.guidance.target(TouchPhase.HOME)
+    for off, speed, phase in ((200.0, 0.0, -1), (10.0, 0.5, -1), (10.0, 0.1, 1)):
+        state = home + np.r_[off, 0.0, 0.0, 0.0, speed, 0.0]
+        step = made.step(memory, seen(0.0, state))
+        assert step.memory.phase == phase
+        assert step.force.any() == (phase == 1)
+        np.testing.assert_array_equal(step.target, made.guidance.target(TouchPhase(max(phase, 0))))
+    unknown = made.step(memory, seen(0.0, np.full(6, np.nan)))
+    assert unknown.memory.phase is TouchPhase.TRANSIT
+    lost = made.step(memory, seen(100.0, home)._replace(frame=False))
+    assert lost.memory.phase is TouchPhase.HOME  # It begins no descent without frames.
+
+
+def test_the_transit_s_controller_is_heard_until_home_is_reached() -> None:
+    controller = TouchController(mission(), rays=3, transit=True)
+    context = controller.CreateDefaultContext()
+
+    def at(state: np.ndarray) -> tuple[np.ndarray, float]:
+        values = {"state": state, "covariance": np.zeros(81), "ranges": np.ones(3)}
+        values |= {"head_force": [0.0], "transit_force": [1.0, 2.0, 3.0]}
+        for name, value in values.items():
+            controller.GetInputPort(name).FixValue(context, value)
+        force = controller.GetOutputPort("force").Eval(context)
+        flag = controller.GetOutputPort("in_transit").Eval(context)[0]
+        update = controller.EvalUniquePeriodicDiscreteUpdate(context)
+        context.get_mutable_discrete_state().SetFrom(update)
+        return force, flag
+
+    home = np.r_[0.0, 0.0, 125.0, np.zeros(3)]
+    force, flag = at(home + np.r_[300.0, np.zeros(5)])
+    assert flag == 1.0
+    np.testing.assert_array_equal(force, [1.0, 2.0, 3.0])
+    force, flag = at(home + np.r_[10.0, np.zeros(5)])
+    assert flag == 1.0  # Up to this step.
+    assert force.any()
+    assert np.abs(force).max() < 1.0
+    _, flag = at(home)
+    assert flag == 0.0
 
 
 @pytest.mark.parametrize("since", [600.0, 1000.0, 1300.0, 1348.0])

@@ -1,0 +1,111 @@
+"""What a mission hands over: where the spacecraft is, in the frame of its map, and the world."""
+
+import dataclasses as dc
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from proxops.diagrams.flight import fly
+from proxops.diagrams.scenario import MissionConfig, Scenario, load_body, load_scenario
+from proxops.diagrams.surveys.mission import onward, parts_of
+from proxops.diagrams.surveys.survey_files import (
+    NewMap,
+    Placed,
+    true_attitude,
+    true_in,
+    visit_scenario,
+)
+from proxops.diagrams.surveys.survey_flight import survey_world
+from proxops.systems.common import InputError
+from proxops.systems.shapes import Polyhedron
+from proxops.systems.vehicle import SunlightConfig, sun_direction
+
+TIME, END = 50_000.0, np.array([500.0, -300.0, 400.0, 0.1, 0.2, -0.05])
+AHEAD_DEG, DELTA_V, LIGHT = 0.02, 3.0, [0.3, -0.9, 0.2]
+
+
+@dc.dataclass
+class HandedOver:
+    world: Any
+    placed: Placed
+    after: Scenario
+
+
+@pytest.fixture(scope="module")
+def handed_over() -> HandedOver:
+    """A map that is turned and moved against the body, and a phase that is believed a bit ahead."""
+    body = load_body("bennu")
+    sunlight = SunlightConfig(direction=LIGHT)
+    scenario = dc.replace(load_scenario("bennu_mission", **{"transit.seed": 3}), sunlight=sunlight)
+    surveying, visiting = parts_of(scenario)
+    world = survey_world(surveying, body)
+    turn = Rotation.from_rotvec([0.0, 0.0, 0.4]).as_matrix()
+    centre = np.array([3.0, -2.0, 1.0])
+    turned = Polyhedron((body.shape.vertices - centre) @ turn.T, body.shape.facets)
+    made = NewMap(turned, turn, centre, np.zeros((len(turned.vertices), 1)))
+    first: Any = SimpleNamespace(body_attitudes=lambda times: true_attitude(world, 0.0)[None])
+    placed = true_in(made, first, world)
+
+    def believed(times: np.ndarray) -> np.ndarray:
+        ahead = Rotation.from_rotvec([0.0, 0.0, AHEAD_DEG], degrees=True).as_matrix()
+        return np.array([true_attitude(world, t) @ placed.turn.T @ ahead @ turn for t in times])
+
+    returns: Any = SimpleNamespace(times=np.array([0.0, TIME]))
+    flight: Any = SimpleNamespace(world=world, end=END, returns=returns, delta_v=DELTA_V)
+    surveyed: Any = SimpleNamespace(
+        flight=flight, placed=placed, made=made,
+        found=SimpleNamespace(survey=SimpleNamespace(body_attitudes=believed)),
+        visit=visit_scenario(visiting, flight, placed, body),
+    )  # fmt: skip
+    return HandedOver(world, placed, onward(surveyed))
+
+
+def test_it_goes_on_where_the_survey_ended(handed_over: HandedOver) -> None:
+    """Seen from the true surface, the spacecraft is where it was and moves as it did."""
+    before = handed_over.world.true_body.shape.vertices[:200]
+    now, transit = handed_over.placed.shape.vertices[:200], handed_over.after.transit
+    assert transit.start_m is not None
+    assert transit.start_velocity_m_s is not None
+    assert np.abs(now - before).max() > 1.0
+    np.testing.assert_allclose(
+        np.linalg.norm(now - transit.start_m, axis=1),
+        np.linalg.norm(before - END[:3], axis=1),
+        rtol=1e-9,
+    )
+    sides = [np.diff(each, axis=0) for each in (before, now)]
+    np.testing.assert_allclose(sides[1] @ transit.start_velocity_m_s, sides[0] @ END[3:], atol=1e-9)
+
+
+def test_the_sun_shines_on_from_the_same_side(handed_over: HandedOver) -> None:
+    world, sunlight = handed_over.world, handed_over.after.sunlight
+    assert sunlight is not None
+    before = np.diff(world.true_body.shape.vertices[:200], axis=0)
+    now = np.diff(handed_over.placed.shape.vertices[:200], axis=0)
+    sun = sun_direction(TIME, world.scenario.sunlight)
+    np.testing.assert_allclose(
+        now @ sun_direction(0.0, sunlight), before @ true_attitude(world, TIME).T @ sun, atol=1e-6
+    )
+
+
+def test_belief_is_ahead_and_propellant_is_gone(handed_over: HandedOver) -> None:
+    after, drawn = handed_over.after, handed_over.world.scenario
+    assert after.truth.phase_deg == pytest.approx(AHEAD_DEG, abs=1e-6)
+    burnt = DELTA_V / (9.80665 * drawn.truth.specific_impulse_s)
+    assert after.spacecraft.mass_kg == pytest.approx(
+        drawn.spacecraft.mass_kg * np.exp(-burnt), rel=1e-9
+    )
+    assert after.lidar.noise_std_m == drawn.lidar.noise_std_m
+    assert after.truth.rigid_body == drawn.truth.rigid_body
+    assert after.truth.thrusters == drawn.truth.thrusters
+
+
+def test_who_flies_a_mission() -> None:
+    scenario = load_scenario("bennu_mission")
+    assert isinstance(scenario.task, MissionConfig)
+    with pytest.raises(InputError, match="a mission by run_mission or proxops fly"):
+        fly(scenario)
+    with pytest.raises(InputError, match="no mission: set task"):
+        parts_of(load_scenario("bennu"))
