@@ -13,11 +13,13 @@ from proxops.systems.common import InputError, LegendEntry, Values
 from proxops.systems.expert import ModelPredictiveController
 from proxops.systems.hybrid import FlownBy
 from proxops.systems.policy import NeuralPolicy
+from proxops.systems.touch import TouchPhase
 
 LEGEND = "legend"
 """Name of the log's attribute that holds the controller's own legend entry as JSON."""
 _PLAIN_COLOUR = (0.25, 0.70, 0.45)
 _SAFETY_FILTER = LegendEntry("safety filter", (0.93, 0.35, 0.95))
+_TOUCH = LegendEntry("touch-and-go", (0.25, 0.80, 0.70))
 _LONGEST_NAME = 200
 _REASONS = {
     InterventionReason.THRUST_LIMIT: ("more than the thrusters can give", (0.54, 0.56, 0.61)),
@@ -33,9 +35,11 @@ REASONS = {
 
 
 def flown_by(dataset: xr.Dataset) -> Values:
-    """Gives the `FlownBy` of each row (N,) of a log: its `decision`, or `SAFETY_FILTER`."""
+    """Gives the `FlownBy` of each row (N,) of a log: its `decision`, or what it does not hold."""
     codes = dataset["decision"].values.astype(int)
     codes = np.where(np.isin(codes, list(FlownBy)), codes, FlownBy.CONTROLLER)
+    if "touch_phase" in dataset:
+        codes = np.where(dataset["touch_phase"].values >= TouchPhase.HOME, FlownBy.TOUCH, codes)
     if "intervention" not in dataset:
         return codes
     intervened = dataset["intervention"].values > INTERVENTION_TOLERANCE
@@ -61,7 +65,7 @@ def legend_of(dataset: xr.Dataset) -> dict[int, LegendEntry]:
     own = _read_entry(dataset.attrs.get(LEGEND))
     if own is not None:
         entries = dict.fromkeys(entries, own)
-    return {**entries, FlownBy.SAFETY_FILTER: _SAFETY_FILTER}
+    return {**entries, FlownBy.SAFETY_FILTER: _SAFETY_FILTER, FlownBy.TOUCH: _TOUCH}
 
 
 def legend_text(entry: LegendEntry) -> str:

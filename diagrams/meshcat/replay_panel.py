@@ -43,6 +43,7 @@ from proxops.diagrams.scenario import (
 from proxops.systems.assurance import InterventionReason
 from proxops.systems.navigation import NavigationPhase, ReturnUse
 from proxops.systems.shapes import clearances
+from proxops.systems.touch import TouchPhase
 
 _PAGE = """
 <style>
@@ -79,7 +80,8 @@ _PAGE = """
   {{margins}}<div><button id="play">pause</button>
     <input id="time" type="range" min="0" max="1" value="0" step="any" aria-label="time"
       style="background: {{strip}}"></div>
-  <div><div id="legend">{{legend}}</div><div id="views"></div></div>
+  <div><div id="chapters"></div><div id="views"></div></div>
+  <div id="legend">{{legend}}</div>
 </div>
 <script>
 "use strict";
@@ -121,6 +123,16 @@ _PAGE = """
     };
     element("views").append(button);
   }
+  for (const [time, name] of flight.chapters) {
+    const button = document.createElement("button");
+    button.textContent = name;
+    button.style.marginRight = "6px";
+    button.onclick = () => {
+      animator.seek(time / flight.speed);
+      animator.display_progress(time / flight.speed);
+    };
+    element("chapters").append(button);
+  }
   viewer.dom_element.addEventListener("pointerdown", () => {
     following = false;
     for (const button of element("views").children) button.classList.remove("on");
@@ -154,6 +166,8 @@ _PAGE = """
     let row = flight.time.length - 1;
     while (row > 0 && flight.time[row] > now + 1e-3) row--;
     const who = flight.who[row];
+    flight.chapters.forEach(([time], k) => element("chapters").children[k].classList.toggle("on",
+      time <= flight.time[row] && !(flight.chapters[k + 1]?.[0] <= flight.time[row])));
     element("clock").textContent = clock(flight.time[row]);
     element("range").textContent = length(flight.range[row]);
     element("speed").textContent = flight.velocity[row].toFixed(2) + " m/s";
@@ -279,7 +293,21 @@ def _flight(log: FlightLog, views: dict[str, View], unit: float) -> dict[str, An
         "views": {name: [turned(view.eye), turned(view.target)] for name, view in views.items()},
         "navigation": _navigation(log),
         "assurance": _assurance(log),
+        "chapters": _chapters(log),
     }
+
+
+def _chapters(log: FlightLog) -> list[tuple[float, str]]:
+    """Gives the start in s and the name of each phase of a touch-and-go; [] of another flight."""
+    data = log.dataset
+    if "touch_phase" not in data:
+        return []
+    phases, times = data["touch_phase"].values[:-1], data["time"].values
+    begins = [0, *(np.flatnonzero(np.diff(phases)) + 1).tolist()]
+    return [
+        (round(float(times[row] - times[0]), 2), TouchPhase(int(phases[row])).name.lower())
+        for row in begins
+    ]
 
 
 def _assurance(log: FlightLog) -> dict[str, Any] | None:

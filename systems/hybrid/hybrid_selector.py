@@ -64,6 +64,8 @@ class FlownBy(IntEnum):
     SAFETY_FILTER = 3
     """Runtime assurance changed the command. A log's `decision` does not hold this value: it is
     derived from `intervention`."""
+    TOUCH = 4
+    """The mission of a touch-and-go. It is derived from `touch_phase`."""
 
 
 class DecisionReason(IntEnum):
