@@ -90,9 +90,8 @@ def fly_command(
 ) -> None:
     """Fly one transit, touch-and-go or mission; write flight.nc, summary.json and replay.html.
 
-    A mission surveys its body first, writes what `proxops survey` writes, and flies on from there
-    with flight.yaml, as hybrid if no other controller is given. Run it again to continue after an
-    interruption: the survey is not flown twice.
+    A mission surveys its body, writes what `proxops survey` writes, and flies on with flight.yaml,
+    by the hybrid unless told otherwise. Run again, it does not fly its survey twice.
 
     Examples:
 
@@ -115,37 +114,45 @@ def fly_command(
     server = _meshcat() if meshcat else None
     original = None
     if log_file is not None:
-        given = (scenario, settings or None, seed, transit, dispersions)
-        if any(value is not None for value in given):
-            raise InputError("--from repeats a flight as it was: give no scenario or settings")
+        _refuse_settings(scenario, settings or None, seed, transit, dispersions)
         original = _log_to_repeat(log_file, controller, out)
         wanted, body, true_body = original.scenario, original.body, original.true_body
         controller = original.dataset.attrs["controller"]
     else:
         wanted = _scenario(scenario, with_dispersions(settings, dispersions), seed, transit)
-        if isinstance(wanted.task, MissionConfig):
-            wanted, controller = _surveyed(wanted, out), controller or "hybrid"
+        wanted, controller = _begun(wanted, controller, out)
         body, true_body = load_body(wanted.body), None
         wanted = _without_making_a_table(wanted, body)
         print_remarks(wanted, body)
     with work_bar("flying") as progress, compiling_told(progress):
         log = fly(
-            wanted, controller or "mpc", meshcat=server, progress=progress, body=body,
-            true_body=true_body, finished=keep,
+            wanted, controller, meshcat=server, progress=progress, body=body, true_body=true_body,
+            finished=keep,
         )  # fmt: skip
     _save(log, out, as_json)
     keep.save()
     if original is not None:
-        if changed := differences(original, log):
-            status.print(f"The flight differs from its log in: {', '.join(changed)}")
-            raise typer.Exit(1)
-        status.print(f"The flight repeats {log_file} bit for bit.")
+        _compare(original, log, log_file)
     if server is not None:
         _wait_for_ctrl_c()
 
 
-def _surveyed(scenario: Scenario, out: Path) -> Scenario:
-    """Flies a mission's survey; gives the scenario of the flight after it."""
+def _compare(original: FlightLog, log: FlightLog, log_file: Path | None) -> None:
+    if changed := differences(original, log):
+        status.print(f"The flight differs from its log in: {', '.join(changed)}")
+        raise typer.Exit(1)
+    status.print(f"The flight repeats {log_file} bit for bit.")
+
+
+def _refuse_settings(*given: object) -> None:
+    if any(value is not None for value in given):
+        raise InputError("--from repeats a flight as it was: give no scenario or settings")
+
+
+def _begun(scenario: Scenario, controller: str | None, out: Path) -> tuple[Scenario, str]:
+    """The scenario to fly, and by whom: of a mission, whose survey is flown, what is after it."""
+    if not isinstance(scenario.task, MissionConfig):
+        return scenario, controller or "mpc"
     # matplotlib is slow to import.
     from proxops.diagrams.surveys import begin_mission
     from proxops.studies.report import write_survey_report
@@ -157,7 +164,7 @@ def _surveyed(scenario: Scenario, out: Path) -> Scenario:
         write_survey_report(out, title, surveyed, rows)
     for name, text in rows:
         status.print(f"{name}: {text}")
-    return after
+    return after, controller or "hybrid"
 
 
 def _wait_for_ctrl_c() -> None:

@@ -96,10 +96,10 @@ class TouchController(LeafSystem):
 
     def _calc_force(self, context, output):
         step = self._step.Eval(context)
-        if step.memory.phase is TouchPhase.TRANSIT:
-            output.SetFromVector(self._transit_port.Eval(context))
-        else:
-            output.SetFromVector(step.force)
+        force, port = step.force, self._transit_port
+        if port is not None and step.memory.phase is TouchPhase.TRANSIT:
+            force = port.Eval(context)
+        output.SetFromVector(force)
 
     def _calc_in_transit(self, context, output):
         memory = _unpacked(context.get_discrete_state(self._memory).value())

@@ -39,7 +39,7 @@ def handed_over() -> HandedOver:
     """A map that is turned and moved against the body, and a phase that is believed a bit ahead."""
     body = load_body("bennu")
     sunlight = SunlightConfig(direction=LIGHT)
-    scenario = dc.replace(load_scenario("bennu_mission", **{"transit.seed": 3}), sunlight=sunlight)
+    scenario = dc.replace(load_scenario("bennu_mission", {"transit.seed": 3}), sunlight=sunlight)
     surveying, visiting = parts_of(scenario)
     world = survey_world(surveying, body)
     turn = Rotation.from_rotvec([0.0, 0.0, 0.4]).as_matrix()
