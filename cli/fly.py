@@ -111,8 +111,7 @@ def fly_command(
     """
     check_folder(out)
     keep = _MapKeeper(mended_map)
-    server = _meshcat() if meshcat else None
-    original = None
+    server, original = _meshcat() if meshcat else None, None
     if log_file is not None:
         _refuse_settings(scenario, settings or None, seed, transit, dispersions)
         original = _log_to_repeat(log_file, controller, out)
