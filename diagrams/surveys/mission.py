@@ -22,8 +22,10 @@ from proxops.diagrams.scenario import (
     load_scenario,
 )
 from proxops.diagrams.surveys.survey_files import Surveyed, true_attitude
+from proxops.diagrams.surveys.survey_flight import around_of
 from proxops.diagrams.surveys.survey_run import run_survey
 from proxops.systems.common import InputError, Progress, part_of, silent, write_whole
+from proxops.systems.mapping import HIGHEST
 from proxops.systems.vehicle import STANDARD_GRAVITY, SunlightConfig, sun_direction
 
 # Of the whole, what the survey takes.
@@ -71,6 +73,7 @@ def begin_mission(
     Args, raises: see `run_mission`.
     """
     surveying, visiting = parts_of(scenario)
+    _check_speed(surveying, body)
     surveyed = run_survey(surveying, body, folder, progress, visiting)
     text = f"# After the survey: to a place on its map.\n{dump_scenario(onward(surveyed))}"
     path = folder / "flight.yaml"
@@ -83,13 +86,27 @@ def parts_of(scenario: Scenario) -> tuple[Scenario, Scenario]:
     mission, craft = scenario.task, scenario.spacecraft
     if not isinstance(mission, MissionConfig):
         raise InputError("the scenario's task is no mission: set task: !Mission {}")
+    if not scenario.is_rigid:
+        raise InputError("a mission ends with a touch, by a spacecraft of some size: set "
+                         "spacecraft: !RigidBody {}")  # fmt: skip
     point = PointMassConfig(craft.mass_kg, craft.thrust_limit_n, craft.speed_limit_m_s)
     impulse = scenario.true_specific_impulse_s
     truth = dc.replace(scenario.truth, specific_impulse_s=impulse)
     survey = dc.replace(
         scenario, task=mission.survey, spacecraft=point, truth=truth, assurance=None
     )
-    return survey, dc.replace(scenario, task=mission.touch)
+    return survey, dc.replace(scenario, task=dc.replace(mission.touch, transit=True))
+
+
+def _check_speed(surveying: Scenario, body: Body) -> None:
+    """Refuses a survey that may end faster than a transit may begin, in the frame that turns."""
+    around, limit = around_of(surveying, body), surveying.spacecraft.speed_limit_m_s
+    fastest = HIGHEST * around.radius * abs(around.rate) + math.sqrt(around.gm / around.radius)
+    if fastest > limit:
+        raise InputError(
+            f"after its survey the spacecraft may move by {fastest:.3g} m/s over the ground that "
+            f"turns below it, and spacecraft.speed_limit_m_s is {limit:g}: set it higher"
+        )
 
 
 def onward(surveyed: Surveyed) -> Scenario:

@@ -24,20 +24,22 @@ class Outcome:
     success: bool
     collided: bool
     keep_out_violations: int
+    """Of a touch-and-go, which has to enter the ellipsoid: 1 if it did not end safe."""
     delta_v_m_s: float
     terminal_position_error_m: float
+    """Of a touch: the miss of the site."""
     arrival_time_s: float | None
 
     @classmethod
     def of(cls, row: Row) -> Outcome:
         """Of a flight's summary, with the digits that are kept."""
-        time = row["arrival_time_s"]
+        time, touches = row["arrival_time_s"], "touched" in row
         return cls(
             row["success"],
             row["collided"],
-            row["keep_out_violations"],
+            int(not row["safe"]) if touches else row["keep_out_violations"],
             round(row["delta_v_m_s"], 4),
-            round(row["terminal_position_error_m"], 2),
+            round(row.get("touch_miss_m") or row["terminal_position_error_m"], 2),
             None if time is None else round(time, 1),
         )
 
@@ -218,7 +220,7 @@ def row_table(track: Track, rows: Sequence[ScoreRow]) -> list[list[str]]:
             " to ".join(f"{100 * end:.1f}" for end in score.interval),
             str(score.violations),
             number_text(score.delta_v_ratio, ".3f"),
-            number_text(score.error_m, ".0f"),
+            number_text(score.error_m, ".2f" if (score.error_m or 1.0) < 1.0 else ".0f"),
             number_text(score.time_s, ".0f"),
             row.sha256[:12],
         ]

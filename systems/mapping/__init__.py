@@ -10,13 +10,14 @@ a map. Numerics are functions on arrays; `Expected` has all that is uncertain be
 from proxops.systems.mapping.batch import Estimated, estimated
 from proxops.systems.mapping.first_orbit import FEWEST
 from proxops.systems.mapping.returns import Returns
-from proxops.systems.mapping.survey_controller import SurveyController
+from proxops.systems.mapping.survey_controller import HIGHEST, SurveyController
 from proxops.systems.mapping.survey_filter import Around
 from proxops.systems.mapping.survey_fit import Expected, Survey, matched
 from proxops.systems.mapping.uncertainty import MapUncertainty, map_uncertainty
 
 __all__ = [
     "FEWEST",
+    "HIGHEST",
     "Around",
     "Estimated",
     "Expected",

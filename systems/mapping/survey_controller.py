@@ -29,7 +29,7 @@ _NEAR = 1.75
 # It falls at least at this share of the speed of a round orbit.
 _FALLING = 0.2
 # Of a free orbit that is left alone, over the radius; and of one after a correction.
-_LOWEST, _HIGHEST = 0.85, 1.65
+_LOWEST, HIGHEST = 0.85, 1.65
 _LOW, _HIGH = 0.9, 1.5
 # It passes the body at most at this share of the radius, and out of the plane that it should fly in
 # by no more than this cosine.
@@ -185,7 +185,7 @@ def wanted_velocity(state: Values, radius: float) -> Vector3:
         if sound:
             return velocity
         return _passing(distance, rises, gm, min(radius, 0.95 * distance)) @ [up, along]
-    if high < _HIGHEST * radius:
+    if high < HIGHEST * radius:
         return velocity
     circular = math.sqrt(gm / distance)
     rise = (radius - distance) * math.sqrt(gm / radius**3)

@@ -1,6 +1,7 @@
 """What a mission hands over: where the spacecraft is, in the frame of its map, and the world."""
 
 import dataclasses as dc
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import MissionConfig, Scenario, load_body, load_scenario
+from proxops.diagrams.surveys import begin_mission
 from proxops.diagrams.surveys.mission import onward, parts_of
 from proxops.diagrams.surveys.survey_files import (
     NewMap,
@@ -109,3 +111,12 @@ def test_who_flies_a_mission() -> None:
         fly(scenario)
     with pytest.raises(InputError, match="no mission: set task"):
         parts_of(load_scenario("bennu"))
+    with pytest.raises(InputError, match="set spacecraft: !RigidBody"):
+        parts_of(load_scenario("bennu", {"task": {"_tag": "!Mission"}}))
+
+
+def test_a_transit_that_would_begin_too_fast_is_refused_before_the_survey(tmp_path: Path) -> None:
+    scenario = load_scenario("bennu_mission", {"spacecraft.speed_limit_m_s": 0.2})
+    with pytest.raises(InputError, match=r"speed_limit_m_s is 0\.2: set it higher"):
+        begin_mission(scenario, load_body("bennu"), tmp_path)
+    assert not list(tmp_path.iterdir())
