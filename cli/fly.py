@@ -412,5 +412,5 @@ def _error(summary: dict[str, Any], whose: str) -> list[tuple[str, str]]:
 
 def _transit_text(transit: TransitConfig) -> str:
     if transit.start_m is not None:
-        return "from start_m to goal_m"
+        return "from start_m" + ("" if transit.goal_m is None else " to goal_m")
     return f"{transit.index} of seed {transit.seed}"
