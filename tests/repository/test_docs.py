@@ -65,7 +65,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
         systems.Moons([], 3e-4),
         systems.LidarWithMoons(kleopatra().shape, [], 3e-4),
         systems.MoonMask(LidarGeometry(), [], 3e-4, 1e5),
-        systems.AttitudeError(believed_spin=0.0, true_spin=(0.0, 0.0, 0.0)),
+        systems.AttitudeError(systems.SpinKnowledge(0.0, 0.0)),
         systems.CommandAxes(7.0),
         systems.BodyPose(MultibodyPlant(0.0).world_body()),
         systems.EnabledValue(3),

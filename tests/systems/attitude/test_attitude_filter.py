@@ -23,7 +23,7 @@ from proxops.systems.attitude.attitude_filter import (
     propagated,
     settled_noise,
 )
-from proxops.systems.rotation import SteadySpin
+from proxops.systems.vehicle import SpinKnowledge, TrueAttitudeConfig
 
 TRACKER, GYRO = StarTrackerConfig(noise_deg=0.01), GyroConfig(noise_rad_s=1e-5, bias_rad_s=3e-5)
 NOISE = AttitudeNoise.of(TRACKER, GYRO)
@@ -51,20 +51,13 @@ def test_a_spacecraft_that_holds_to_its_star_tracker_is_turned_as_a_point_mass_i
     A rigid spacecraft, turned so, must measure just the attitude that it wants: K as believed.
     """
     spin, believed, phase = (2e-6, -3e-6, 3.2e-4), 3.25e-4, 0.02
-    mounting, seed = (0.004, -0.003, 0.002), 5
-    error = AttitudeError(
-        constant=mounting, varying_std=0.01, correlation_time=900.0, believed_spin=believed,
-        true_spin=spin, phase=phase, period=1.0, seed=seed,
-    )  # fmt: skip
-    tracker = StarTracker(
-        StarTrackerConfig(noise_deg=0.0), 1.0, seed, constant=mounting, varying_std=0.01,
-        correlation_time=900.0,
-    )  # fmt: skip
+    spins, seed = SpinKnowledge(spin, believed, phase), 5
+    mounting = TrueAttitudeConfig([0.2, -0.15, 0.1], 0.5, 900.0)
+    error = AttitudeError(spins, mounting, period=1.0, seed=seed)
+    tracker = StarTracker(StarTrackerConfig(noise_deg=0.0), 1.0, seed, mounting)
     for time in (0.0, 500.0, 4000.0):
         attitude = evaluated(error, time)
-        inertial = evaluated(
-            InertialAttitude(SteadySpin(spin), (0.0, 0.0, phase)), time, attitude=attitude
-        )
+        inertial = evaluated(InertialAttitude(spins), time, attitude=attitude)
         measured = evaluated(tracker, time, attitude=inertial)
         wanted = Rotation.from_rotvec([0.0, 0.0, believed * time])
         assert (wanted.inv() * rotation(measured)).magnitude() < 1e-12
