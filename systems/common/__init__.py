@@ -81,6 +81,7 @@ from proxops.systems.common.settings import (
     values_in_words,
     vector,
 )
+from proxops.systems.common.templates import for_floats
 from proxops.systems.common.text_files import decoded
 from proxops.systems.common.threads import one_thread, threads_to_use
 from proxops.systems.common.user_cache import keep_arrays, kept_arrays, name_of
@@ -124,6 +125,7 @@ __all__ = [
     "error_bounds",
     "file_sha256",
     "finite_vector",
+    "for_floats",
     "force_port",
     "generator",
     "html_table",

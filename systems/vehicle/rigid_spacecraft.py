@@ -19,6 +19,7 @@ from proxops.systems.common import (
     check_inertia,
     check_positive,
     finite_vector,
+    for_floats,
     kernel,
 )
 from proxops.systems.vehicle.spacecraft import mass_left
@@ -326,4 +327,4 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
     return Impl
 
 
-RigidSpacecraft = RigidSpacecraft_[None]
+RigidSpacecraft = for_floats(RigidSpacecraft_)

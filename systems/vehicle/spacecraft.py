@@ -18,6 +18,7 @@ from proxops.systems.common import (
     config,
     cross_matrix,
     finite_vector,
+    for_floats,
     number,
 )
 
@@ -251,4 +252,4 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
     return Impl
 
 
-Spacecraft = Spacecraft_[None]
+Spacecraft = for_floats(Spacecraft_)
