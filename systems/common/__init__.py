@@ -81,7 +81,7 @@ from proxops.systems.common.settings import (
     values_in_words,
     vector,
 )
-from proxops.systems.common.templates import for_floats
+from proxops.systems.common.templates import make_for_floats
 from proxops.systems.common.text_files import decoded
 from proxops.systems.common.threads import one_thread, threads_to_use
 from proxops.systems.common.user_cache import keep_arrays, kept_arrays, name_of
@@ -125,7 +125,6 @@ __all__ = [
     "error_bounds",
     "file_sha256",
     "finite_vector",
-    "for_floats",
     "force_port",
     "generator",
     "html_table",
@@ -136,6 +135,7 @@ __all__ = [
     "limits_in_words",
     "limits_of",
     "make_folder",
+    "make_for_floats",
     "name_of",
     "needed",
     "number",

@@ -19,8 +19,8 @@ from proxops.systems.common import (
     check_inertia,
     check_positive,
     finite_vector,
-    for_floats,
     kernel,
+    make_for_floats,
 )
 from proxops.systems.vehicle.spacecraft import mass_left
 
@@ -327,4 +327,5 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
     return Impl
 
 
-RigidSpacecraft = for_floats(RigidSpacecraft_)
+make_for_floats(RigidSpacecraft_)
+RigidSpacecraft = RigidSpacecraft_[None]
