@@ -55,6 +55,7 @@ from proxops.systems.lidar import (
 )
 from proxops.systems.navigation import (
     ExpectedErrors,
+    LidarFrames,
     LidarNavigation,
     MapError,
     MendedMap,
@@ -84,6 +85,7 @@ from proxops.systems.vehicle import (
     RigidSpacecraft_,
     Spacecraft,
     Spacecraft_,
+    SpinKnowledge,
     StateNoise,
     Sunlight,
     ThrusterErrors,
@@ -124,6 +126,7 @@ __all__ = [
     "LegendEntry",
     "Lidar",
     "LidarErrors",
+    "LidarFrames",
     "LidarGeometry",
     "LidarNavigation",
     "LidarWithMoons",
@@ -156,6 +159,7 @@ __all__ = [
     "SceneLidar",
     "Spacecraft",
     "Spacecraft_",
+    "SpinKnowledge",
     "StateNoise",
     "SteadySpin",
     "Sunlight",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -54,7 +53,6 @@ from proxops.systems.vehicle import (
     RigidSpacecraft,
     Spacecraft,
     believed_axes,
-    phase_vector,
 )
 
 
@@ -109,14 +107,9 @@ def rotation_of(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> Signals:
 
 def _start(wiring: Wiring) -> RigidBodyStart:
     """The spacecraft at the start: at rest in K as believed, and pointed as it should be."""
-    world, truth = wiring.world, wiring.scenario.truth
-    axes = believed_axes(
-        0.0,
-        believed_spin=world.body.spin,
-        true_spin=world.true_body.spin,
-        phase=math.radians(truth.phase_deg),
-    )
-    error = quaternion_of(vector_of(np.radians(truth.attitude.constant_deg)))
+    world = wiring.world
+    axes = believed_axes(0.0, wiring.spins)
+    error = quaternion_of(wiring.scenario.truth.attitude.constant)
     state = np.concatenate([world.transit.start, world.transit.start_velocity])
     attitude = quaternion_product(axes, quaternion_product(_pointed(wiring), error))
     return RigidBodyStart(state, attitude, vector_of(world.body.spin.rate))
@@ -143,26 +136,14 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
       `commanded_force` and `commanded_thrust`, what the thrusters gave over the last control
       period, as far as is known, together and all added up.
     """
-    scenario, world, truth = wiring.scenario, wiring.world, wiring.scenario.truth
+    scenario, world = wiring.scenario, wiring.world
     settings = scenario.spacecraft
     assert isinstance(settings, RigidBodyConfig)
     model, period = load_spacecraft(settings.model), scenario.attitude_period_s
     attitude = craft.GetOutputPort("attitude")
-    inertial = wiring.add(
-        "inertial_attitude",
-        InertialAttitude(
-            world.true_body.spin, phase_vector(world.body.spin, math.radians(truth.phase_deg))
-        ),
-        attitude=attitude,
-    )
-    tracker = StarTracker(
-        model.config.star_tracker,
-        period,
-        wiring.seed(ATTITUDE_STREAM),
-        constant=vector_of(np.radians(truth.attitude.constant_deg)),
-        varying_std=math.radians(truth.attitude.varying_std_deg),
-        correlation_time=truth.attitude.correlation_time_s,
-    )
+    inertial = wiring.add("inertial_attitude", InertialAttitude(wiring.spins), attitude=attitude)
+    seed = wiring.seed(ATTITUDE_STREAM)
+    tracker = StarTracker(model.config.star_tracker, period, seed, scenario.truth.attitude)
     wiring.add(
         "star_tracker",
         tracker,

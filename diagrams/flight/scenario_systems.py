@@ -31,6 +31,7 @@ from proxops.systems import (
     InputError,
     LearnedLidar,
     Lidar,
+    LidarFrames,
     LidarNavigation,
     MapError,
     ModelPredictiveController,
@@ -272,18 +273,14 @@ def make_navigation(scenario: Scenario, body: Body, expected: ExpectedErrors) ->
     if map_error is not None:
         expected = replace(expected, surface_rms_m=0.0, size=0.0)
     least_noise = _LEAST_NOISE * float(body.shape.extents.max())
-    return LidarNavigation(
-        shape,
-        body.gravity_field,
-        spin=body.spin,
-        mass=scenario.spacecraft.mass_kg,
-        noise_std=max(scenario.lidar.noise_std_m, least_noise),
-        geometry=scenario.lidar_geometry,
-        expected=expected,
-        period=scenario.control_period_s,
-        frame_delay=scenario.navigation.frame_delay_steps,
-        map_error=map_error,
+    frames = LidarFrames(
+        max(scenario.lidar.noise_std_m, least_noise),
+        scenario.lidar_geometry,
+        scenario.control_period_s,
+        scenario.navigation.frame_delay_steps,
     )
+    mass = scenario.spacecraft.mass_kg
+    return LidarNavigation(shape, body.gravity_field, body.spin, mass, frames, expected, map_error)
 
 
 def _navigation_map(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -10,6 +11,7 @@ from pydrake.systems.primitives import ZeroOrderHold
 
 from proxops.diagrams.scenario import Scenario, World
 from proxops.systems.common import InputError, derived_seed
+from proxops.systems.vehicle import SpinKnowledge
 
 AnySystem = TypeVar("AnySystem", bound=System)
 Signals = dict[str, OutputPort]
@@ -34,6 +36,12 @@ class Wiring:
     def scenario(self) -> Scenario:
         """The scenario with the values of this flight."""
         return self.world.scenario
+
+    @property
+    def spins(self) -> SpinKnowledge:
+        """How the body turns, and what is believed of that."""
+        phase = math.radians(self.scenario.truth.phase_deg)
+        return SpinKnowledge(self.world.true_body.spin, self.world.body.spin, phase)
 
     def add(self, name: str, system: AnySystem, **inputs: OutputPort | None) -> AnySystem:
         """Adds a system under a name, and connects its input ports by their names.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from pydrake.systems.framework import LeafSystem, OutputPort
 from pydrake.systems.primitives import Adder
@@ -157,14 +155,10 @@ def add_attitude(wiring: Wiring, craft: Spacecraft | RigidSpacecraft) -> OutputP
     if not turns_the_axes(truth, wiring.world.body, wiring.world.true_body):
         return None
     error = AttitudeError(
-        constant=np.radians(truth.attitude.constant_deg),
-        varying_std=math.radians(truth.attitude.varying_std_deg),
-        correlation_time=truth.attitude.correlation_time_s,
-        believed_spin=wiring.world.body.spin,
-        true_spin=wiring.world.true_body.spin,
-        phase=math.radians(truth.phase_deg),
-        period=wiring.scenario.control_period_s,
-        seed=wiring.seed(ATTITUDE_STREAM),
+        wiring.spins,
+        truth.attitude,
+        wiring.scenario.control_period_s,
+        wiring.seed(ATTITUDE_STREAM),
     )
     wiring.logged["attitude"] = error.GetOutputPort("attitude")
     return wiring.add("attitude", error).GetOutputPort("attitude")

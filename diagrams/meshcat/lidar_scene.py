@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from pydrake.geometry import Rgba
-from pydrake.perception import PointCloud
 
-from proxops.diagrams.meshcat.meshcat_scene import Scene, set_mesh
+from proxops.diagrams.meshcat.meshcat_scene import Scene, add_points, set_mesh
 from proxops.systems.common import Vector3
 from proxops.systems.lidar import ray_directions
 
@@ -50,6 +49,4 @@ def add_planes(
         points = np.vstack([position[None], ends]) / scene.unit
         set_mesh(scene.meshcat, f"{name}/fan", points, facets, Rgba(*colour, _FAN_ALPHA))
         hits = np.isfinite(ranges[plane])
-        cloud = PointCloud(int(hits.sum()))
-        cloud.mutable_xyzs()[:] = (ends[hits] / scene.unit).T
-        scene.meshcat.SetObject(f"{name}/returns", cloud, _POINT_SIZE, Rgba(*colour))
+        add_points(scene, f"{name}/returns", ends[hits], Rgba(*colour), _POINT_SIZE)

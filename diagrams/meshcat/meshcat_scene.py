@@ -303,15 +303,15 @@ def add_returns(
     hit = np.isfinite(flat)
     places = position + flat[hit, None] * directions[hit]
     if use is None:
-        _add_points(scene, name, places, RETURNS, _POINT_SIZE)
+        add_points(scene, name, places, RETURNS, _POINT_SIZE)
         return
     for kind, colour in RETURN_USES.items():
         chosen = use.reshape(-1)[hit] == kind
         size = _REJECTED_SIZE if kind == ReturnUse.REJECTED else _POINT_SIZE
-        _add_points(scene, f"{name}/{kind.name.lower()}", places[chosen], colour, size)
+        add_points(scene, f"{name}/{kind.name.lower()}", places[chosen], colour, size)
 
 
-def _add_points(scene: Scene, name: str, places: np.ndarray, colour: Rgba, size: float) -> None:
+def add_points(scene: Scene, name: str, places: np.ndarray, colour: Rgba, size: float) -> None:
     """Adds points at places (N, 3) in m in K."""
     cloud = PointCloud(len(places))
     cloud.mutable_xyzs()[:] = (places / scene.unit).T

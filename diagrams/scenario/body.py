@@ -1,6 +1,7 @@
 """The body: its constants, its shape about the centre of mass, and its gravity."""
 
 import dataclasses as dc
+import functools
 from functools import cached_property
 from pathlib import Path
 from typing import Self
@@ -16,6 +17,7 @@ from proxops.systems.common import (
     Vector3,
     Vectors3,
     check_limits,
+    file_sha256,
     html_table,
     number,
 )
@@ -156,7 +158,7 @@ class Body:
     @cached_property
     def exact_field(self) -> GravityField:
         """Gravity by the sums over the polyhedron."""
-        return GravityField(self.shape, mass=self.config.mass_kg)
+        return _field_of(self.shape, self.config.mass_kg)
 
     @property
     def gravity_table_is_kept(self) -> bool:
@@ -219,16 +221,30 @@ def load_body(name_or_path: str | Path) -> Body:
     missing = [name for name in _REQUIRED if name not in tree]
     if missing:
         raise InputError(f"{path}: these keys are missing: {', '.join(missing)}")
-    shape = Polyhedron.load(path.parent / config.mesh, config.mesh_unit)
+    shape = _recentred(path.parent / config.mesh, config.mesh_unit)
     moons = tuple(
-        Polyhedron.load(path.parent / moon.mesh, config.mesh_unit).recentred()
-        if moon.mesh
-        else None
+        _recentred(path.parent / moon.mesh, config.mesh_unit) if moon.mesh else None
         for moon in config.moons
     )
-    body = Body(config, shape.recentred(), moon_shapes=moons)
+    body = Body(config, shape, moon_shapes=moons)
     check_body(body, str(path))
     return body
+
+
+def _recentred(path: Path, unit: str) -> Polyhedron:
+    """The mesh of a file, about its centre of mass."""
+    return _read_once(path, unit, file_sha256(path) if path.is_file() else "")
+
+
+@functools.lru_cache(maxsize=8)
+def _read_once(path: Path, unit: str, _sha256: str) -> Polyhedron:
+    """Many flights of a process load the same file: then so are its field and its rays."""
+    return Polyhedron.load(path, unit).recentred()
+
+
+@functools.lru_cache(maxsize=8)
+def _field_of(shape: Polyhedron, mass: float) -> GravityField:
+    return GravityField(shape, mass=mass)
 
 
 def check_constants(config: BodyConfig, source: str) -> None:

@@ -373,11 +373,8 @@ def _mesh_differences(dispersions: Dispersions) -> tuple[float, float, float]:
 def _mesh_difference(
     believed: Polyhedron, mass: float, semi_axes: tuple[float, float, float], true: Polyhedron
 ) -> tuple[float, float, float]:
-    places = spread_directions(_PLACES) * semi_axes
-    fields = [GravityField(shape, mass=mass) for shape in (believed, true)]
-    gravity = [field.evaluate(places).acceleration for field in fields]
-    gap, shift = greatest_gap(true, believed), float(np.linalg.norm(fields[1].centre_of_mass))
-    return gap, _GAPS * float(np.abs(gravity[1] - gravity[0]).max()), _GAPS * shift
+    own, other = GravityField(believed, mass=mass), GravityField(true, mass=mass)
+    return greatest_gap(true, believed), *_differences(own, semi_axes, [other])
 
 
 @functools.lru_cache(maxsize=4)
@@ -397,19 +394,25 @@ def _gravity_differences(
     """
     if contrast == rms == size == 0.0:
         return 0.0, 0.0
-    places = spread_directions(_PLACES) * semi_axes
-    believed = GravityField(shape, mass=mass).evaluate(places).acceleration
-    greatest, shift = 0.0, 0.0
+    fields = []
     for seed in range(_WORLDS):
         # All four pairs of ends.
         denser, larger = 1.0 - 2.0 * (seed % 2), 1.0 - 2.0 * (seed // 2 % 2)
         surface = _rough(shape, rms, correlation, seed)
         surface = Polyhedron((1.0 + larger * size) * surface.vertices, surface.facets)
-        field = GravityField(surface, mass=mass, contrast=denser * contrast)
-        true = field.evaluate(places).acceleration
-        greatest = max(greatest, float(np.abs(true - believed).max()))
-        shift = max(shift, float(np.linalg.norm(field.centre_of_mass)))
-    return _GAPS * greatest, _GAPS * shift
+        fields.append(GravityField(surface, mass=mass, contrast=denser * contrast))
+    return _differences(GravityField(shape, mass=mass), semi_axes, fields)
+
+
+def _differences(
+    believed: GravityField, semi_axes: tuple[float, float, float], worlds: list[GravityField]
+) -> tuple[float, float]:
+    """How gravity in some worlds differs from the believed one: see `_gravity_differences`."""
+    places = spread_directions(_PLACES) * semi_axes
+    there = believed.evaluate(places).acceleration
+    off = [np.abs(field.evaluate(places).acceleration - there).max() for field in worlds]
+    shifts = [np.linalg.norm(field.centre_of_mass) for field in worlds]
+    return _GAPS * float(max(off)), _GAPS * float(max(shifts))
 
 
 def _rough(shape: Polyhedron, rms: float, correlation: float, seed: int) -> Polyhedron:

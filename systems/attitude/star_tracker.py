@@ -8,8 +8,6 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from proxops.systems.common import (
-    SeededSystem,
-    Vector,
     config,
     number,
     quaternion_inverse,
@@ -18,8 +16,13 @@ from proxops.systems.common import (
     rotated,
     vector,
 )
-from proxops.systems.rotation import SpinModel
-from proxops.systems.vehicle import gauss_markov_at, white_noise_at
+from proxops.systems.rotation import spin_model
+from proxops.systems.vehicle import (
+    SlowVector,
+    SpinKnowledge,
+    TrueAttitudeConfig,
+    white_noise_at,
+)
 
 
 @config
@@ -45,10 +48,10 @@ class InertialAttitude(LeafSystem):
     about the axis that they believe; see `believed_axes`.
     """
 
-    def __init__(self, spin: SpinModel, phase: Vector = (0.0, 0.0, 0.0)):
-        """Takes the true spin of the body, and the phase as a rotation vector (3,) in rad in N."""
+    def __init__(self, spins: SpinKnowledge):
+        """Takes how the body turns, and what is believed of that."""
         super().__init__()
-        self.spin, self._phase = spin, quaternion_inverse(quaternion_of(phase))
+        self.spin, self._phase = spin_model(spins.true), quaternion_inverse(spins.ahead)
         self._port = self.DeclareVectorInputPort("attitude", 4)
         self.DeclareVectorOutputPort(
             "attitude", 4, self._calc, {self._port.ticket(), self.time_ticket()}
@@ -60,7 +63,7 @@ class InertialAttitude(LeafSystem):
         output.SetFromVector(quaternion_product(body, (a, b, c, d)))
 
 
-class StarTracker(SeededSystem):
+class StarTracker(SlowVector):
     """The attitude that a star tracker measures, at attitude steps.
 
     ```
@@ -80,23 +83,19 @@ class StarTracker(SeededSystem):
         sheet: StarTrackerConfig,
         period: float,
         seed: int,
-        *,
-        constant: Vector = (0.0, 0.0, 0.0),
-        varying_std: float = 0.0,
-        correlation_time: float = 3600.0,
+        errors: TrueAttitudeConfig | None = None,
     ):
         """Takes the data sheet, the attitude period in s, a seed, and the errors of mounting.
 
         Args:
           sheet: the data sheet. period: s. seed: the seed of a new Context.
-          constant: (3,) rotation vector in rad in S.
-          varying_std: standard deviation per axis in rad of the rotation vector that varies.
-          correlation_time: s, of the part that varies.
+          errors: of tracker and mounting; None: there are none.
         """
-        super().__init__(period, seed)
+        errors = errors or TrueAttitudeConfig()
+        super().__init__(
+            errors.constant, errors.varying_std, errors.correlation_time_s, period, seed
+        )
         self.sheet = sheet
-        self.constant, self.varying_std = constant, varying_std
-        self.correlation_time = correlation_time
         axis = np.array(sheet.boresight)
         x, y, z = (axis / np.linalg.norm(axis)).tolist()
         self._boresight = x, y, z
@@ -112,14 +111,6 @@ class StarTracker(SeededSystem):
         if self._is_blinded(context):
             output.SetFromVector(np.full(4, np.nan))
             return
-        slow = gauss_markov_at(
-            context.get_time(),
-            std=self.varying_std,
-            correlation_time=self.correlation_time,
-            period=self.period,
-            seed=self.seed_of(context),
-        )
-        a, b, c = (x + y for x, y in zip(self.constant, slow, strict=True))
         x, y, z = white_noise_at(
             context.get_time(),
             std=math.radians(self.sheet.noise_deg),
@@ -127,7 +118,7 @@ class StarTracker(SeededSystem):
             seed=self.seed_of(context),
         )
         error = quaternion_product(
-            quaternion_inverse(quaternion_of((a, b, c))), quaternion_of((x, y, z))
+            quaternion_inverse(quaternion_of(self.vector_at(context))), quaternion_of((x, y, z))
         )
         p, q, r, s = self._attitude_port.Eval(context).tolist()
         output.SetFromVector(quaternion_product((p, q, r, s), error))

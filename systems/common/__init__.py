@@ -81,6 +81,7 @@ from proxops.systems.common.settings import (
     values_in_words,
     vector,
 )
+from proxops.systems.common.templates import make_for_floats
 from proxops.systems.common.text_files import decoded
 from proxops.systems.common.threads import one_thread, threads_to_use
 from proxops.systems.common.user_cache import keep_arrays, kept_arrays, name_of
@@ -134,6 +135,7 @@ __all__ = [
     "limits_in_words",
     "limits_of",
     "make_folder",
+    "make_for_floats",
     "name_of",
     "needed",
     "number",

@@ -11,7 +11,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem_, ValueProducer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, make_for_floats
 from proxops.systems.gravity.gravity_field import Field, Gravity
 
 
@@ -116,6 +116,7 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
     return Impl
 
 
+make_for_floats(PolyhedralGravity_)
 PolyhedralGravity = PolyhedralGravity_[None]
 # Drake's constructor takes *args and **kwargs; editors and help() show this.
 PolyhedralGravity.__signature__ = inspect.Signature(

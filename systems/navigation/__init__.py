@@ -10,7 +10,11 @@ may see the truth: it is made from the map, gravity and spin as believed, and th
 
 from proxops.systems.navigation.estimate import Estimate
 from proxops.systems.navigation.expected_errors import ExpectedErrors
-from proxops.systems.navigation.lidar_navigation import LidarNavigation, LidarNavigationConfig
+from proxops.systems.navigation.lidar_navigation import (
+    LidarFrames,
+    LidarNavigation,
+    LidarNavigationConfig,
+)
 from proxops.systems.navigation.map_error import MapError, shift_of_centre
 from proxops.systems.navigation.mended_map import MendedMap, load_map, map_files, save_mended_map
 from proxops.systems.navigation.step_records import NavigationPhase, ReturnUse
@@ -18,6 +22,7 @@ from proxops.systems.navigation.step_records import NavigationPhase, ReturnUse
 __all__ = [
     "Estimate",
     "ExpectedErrors",
+    "LidarFrames",
     "LidarNavigation",
     "LidarNavigationConfig",
     "MapError",

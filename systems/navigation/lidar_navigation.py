@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -60,6 +61,19 @@ class LidarNavigationConfig:
     frame_delay_steps: int = number(0, at_least=0, at_most=1000)
 
 
+class LidarFrames(NamedTuple):
+    """What is known of the frames of a lidar, from its data sheet."""
+
+    noise_std: float
+    """Of a range in m; above 0."""
+    geometry: LidarGeometry = DEFAULT_GEOMETRY
+    """Planes, rays and greatest range."""
+    period: float = 10.0
+    """Control period in s, in which one frame arrives."""
+    delay: int = 0
+    """Age of a frame in periods when it arrives."""
+
+
 class LidarNavigation(LeafSystem):
     """A Kalman filter that compares lidar frames with those that the map predicts.
 
@@ -104,11 +118,8 @@ class LidarNavigation(LeafSystem):
         field: BodyField,
         spin: Spin,
         mass: float,
-        noise_std: float,
-        geometry: LidarGeometry = DEFAULT_GEOMETRY,
+        frames: LidarFrames,
         expected: ExpectedErrors | None = None,
-        period: float = 10.0,
-        frame_delay: int = 0,
         map_error: MapError | None = None,
     ):
         """Takes what is believed.
@@ -116,30 +127,31 @@ class LidarNavigation(LeafSystem):
         Args:
           shape: the map. field: gravity in the map's frame K.
           spin: of the body; a number is in rad/s about z. mass: of the spacecraft in kg.
-          noise_std: of a range in m; above 0.
-          geometry: planes, rays and greatest range of the lidar.
+          frames: of the lidar.
           expected: one standard deviation of everything; None: `ExpectedErrors()`.
-          period: control period in s. frame_delay: age of a frame in periods when it arrives.
           map_error: of the map; None: as `expected` says.
         """
         super().__init__()
-        check_positive("LidarNavigation", mass=mass, period=period, noise_std=noise_std)
-        _check(frame_delay)
+        check_positive("LidarNavigation", mass=mass)
+        _check(frames)
         self.expected = expected or ExpectedErrors()
         check_limits(self.expected, "LidarNavigation: expected")
-        self.period, self.frame_delay = period, int(frame_delay)
+        self.period, self.frame_delay = frames.period, int(frames.delay)
+        geometry = frames.geometry
         said = self.expected
         if map_error is None:
             map_error = MapError(shape, said.surface_rms_m, said.surface_correlation_m)
         map_error = map_error.with_relief(said.relief_rms_m, said.relief_correlation_m)
-        self.model = FrameModel(shape, geometry, noise_std, map_error, self.expected.half_beam)
+        self.model = FrameModel(
+            shape, geometry, frames.noise_std, map_error, self.expected.half_beam
+        )
         low_orbit = math.sqrt(GRAVITATIONAL_CONSTANT * field.mass / shape.extents.max())
         self._navigator = Navigator(
             self.model,
             Motion(field, shape.extents, spin, mass, self.expected),
             self.expected,
             orbit=low_orbit,
-            period=period,
+            period=self.period,
             frame_delay=self.frame_delay,
         )
         self._size = BASE + map_error.coefficients
@@ -167,7 +179,7 @@ class LidarNavigation(LeafSystem):
         }
         # Discrete, not unrestricted: all discrete updates at one time see the state before it, so
         # that what is downstream reads the cached result.
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._remember)
 
     def logged_ports(self) -> dict[str, LoggedPort]:
         """The ports whose values a log keeps, by the names of their columns.
@@ -286,7 +298,9 @@ def _return_use(step: Step, rays: int) -> np.ndarray:
     return use
 
 
-def _check(frame_delay: float) -> None:
-    check_not_negative("LidarNavigation", frame_delay=frame_delay)
-    if frame_delay != int(frame_delay):
-        raise InputError(f"LidarNavigation needs a whole frame_delay, got {frame_delay}")
+def _check(frames: LidarFrames) -> None:
+    owner, delay = "LidarNavigation", frames.delay
+    check_positive(owner, noise_std=frames.noise_std, period=frames.period)
+    check_not_negative(owner, delay=delay)
+    if delay != int(delay):
+        raise InputError(f"{owner} needs a whole delay of frames, got {delay}")

@@ -11,7 +11,7 @@ import scipy.linalg
 
 from proxops.systems.common import Values, one_thread
 from proxops.systems.navigation.relief import PATTERNS
-from proxops.systems.shapes import Polyhedron, vertex_normals
+from proxops.systems.shapes import Polyhedron, rigid_motions, vertex_normals
 
 # Points of the surface at which the smooth displacements are computed; between them they are
 # interpolated by the same covariance.
@@ -151,8 +151,7 @@ def shift_of_centre(shape: Polyhedron, std: float, correlation: float) -> float:
 
 def _without_rigid(points: np.ndarray, normals: np.ndarray, shape: Polyhedron) -> np.ndarray:
     """The projector (N, N) that takes rigid motions out of displacements along normals (N, 3)."""
-    arms = (points - shape.centre_of_mass) / shape.extents.max()
-    rigid = np.hstack([normals, np.cross(arms, normals)])
+    rigid = rigid_motions(points, normals, shape.centre_of_mass, shape.extents.max())
     return np.eye(len(points)) - rigid @ np.linalg.pinv(rigid)
 
 

@@ -23,9 +23,9 @@ from proxops.systems.vehicle.actual_thrust import (
 )
 from proxops.systems.vehicle.attitude_error import (
     AttitudeError,
+    SpinKnowledge,
     TrueAttitudeConfig,
     believed_axes,
-    phase_vector,
 )
 from proxops.systems.vehicle.command_axes import CommandAxes
 from proxops.systems.vehicle.delayed_hold import DelayedHold
@@ -49,7 +49,7 @@ from proxops.systems.vehicle.flight_limits import FlightLimits
 from proxops.systems.vehicle.flight_monitor import FlightMonitor
 from proxops.systems.vehicle.force_noise import ForceNoise, ForceNoiseConfig
 from proxops.systems.vehicle.fresh_hold import FreshHold
-from proxops.systems.vehicle.gauss_markov import gauss_markov_at, white_noise_at
+from proxops.systems.vehicle.gauss_markov import SlowVector, gauss_markov_at, white_noise_at
 from proxops.systems.vehicle.random_walk_disturbance import (
     RandomWalkDisturbance,
     RandomWalkDisturbanceConfig,
@@ -112,8 +112,10 @@ __all__ = [
     "RigidBodyStart",
     "RigidSpacecraft",
     "RigidSpacecraft_",
+    "SlowVector",
     "Spacecraft",
     "Spacecraft_",
+    "SpinKnowledge",
     "StateNoise",
     "Sunlight",
     "SunlightConfig",
@@ -134,7 +136,6 @@ __all__ = [
     "light_on_facets",
     "light_pressure",
     "moved_by",
-    "phase_vector",
     "predicted_state",
     "rotating_frame_acceleration",
     "runge_kutta_step",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,17 +20,29 @@ from proxops.systems.common import (
     vector,
     vector_of,
 )
-from proxops.systems.rotation import Spin, SpinModel, spin_model
+from proxops.systems.rotation import Spin, spin_model
 from proxops.systems.vehicle.gauss_markov import SlowVector
 
 
-def believed_axes(
-    time: float,
-    *,
-    believed_spin: Spin,
-    true_spin: Spin,
-    phase: float = 0.0,
-) -> Quaternion:
+class SpinKnowledge(NamedTuple):
+    """How a body turns, and what the spacecraft believes of that."""
+
+    true: Spin
+    believed: Spin
+    phase: float = 0.0
+    """In rad: what the believed rotation is ahead by at time 0, about the axis that is believed."""
+
+    @property
+    def ahead(self) -> Quaternion:
+        """The phase as a rotation, about z without a spin."""
+        rate = spin_model(self.believed).rate
+        size = float(np.linalg.norm(rate))
+        return quaternion_of(
+            vector_of(self.phase / size * rate if size else (0.0, 0.0, self.phase))
+        )
+
+
+def believed_axes(time: float, spins: SpinKnowledge) -> Quaternion:
     """The rotation from the axes that the spacecraft takes for K's to K, if attitude is perfect.
 
     The inertial frame N has the axes of K at time 0. The spacecraft believes another rotation than
@@ -40,29 +53,21 @@ def believed_axes(
 
     Args:
       time: s.
-      believed_spin, true_spin: of the body; see `spin_model`.
-      phase: rad: what the believed rotation phase is ahead by.
+      spins: of the body.
 
     Returns:
       A unit quaternion (w, x, y, z). It is the identity to the last bit where belief and truth are
       one steady spin about z.
     """
-    believed, true = spin_model(believed_spin), spin_model(true_spin)
+    believed, true, phase = spin_model(spins.believed), spin_model(spins.true), spins.phase
     if believed.about_z and true.about_z:
         ahead = float(believed.rate[2]) - float(true.rate[2])
         return quaternion_of((0.0, 0.0, ahead * time + phase))
     if believed.about_z:
         seen = quaternion_of((0.0, 0.0, float(believed.rate[2]) * time + phase))
     else:
-        ahead = quaternion_of(phase_vector(believed, phase))
-        seen = quaternion_product(ahead, believed.attitude(time))
+        seen = quaternion_product(spins.ahead, believed.attitude(time))
     return quaternion_product(quaternion_inverse(true.attitude(time)), seen)
-
-
-def phase_vector(spin: SpinModel, phase: float) -> Vector:
-    """A phase in rad as a rotation vector about the axis at time 0, which is z without a spin."""
-    rate = float(np.linalg.norm(spin.rate))
-    return vector_of(phase / rate * spin.rate if rate else (0.0, 0.0, phase))
 
 
 @config
@@ -79,6 +84,16 @@ class TrueAttitudeConfig:
     # the time over which its correlation falls to 1/e.
     varying_std_deg: float = number(0.0, at_least=0.0, at_most=90.0, unit="degrees")
     correlation_time_s: float = number(3600.0, at_least=1e-2, at_most=LONG, unit="s")
+
+    @property
+    def constant(self) -> Vector:
+        """The constant rotation vector (3,) in rad."""
+        return vector_of(np.radians(self.constant_deg))
+
+    @property
+    def varying_std(self) -> float:
+        """The standard deviation in rad."""
+        return math.radians(self.varying_std_deg)
 
 
 class AttitudeError(SlowVector):
@@ -97,40 +112,26 @@ class AttitudeError(SlowVector):
 
     def __init__(
         self,
-        *,
-        constant: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
-        varying_std: float = 0.0,
-        correlation_time: float = 3600.0,
-        believed_spin: Spin,
-        true_spin: Spin,
-        phase: float = 0.0,
+        spins: SpinKnowledge,
+        errors: TrueAttitudeConfig | None = None,
         period: float = 10.0,
         seed: int = 0,
     ):
-        """Takes the errors of the attitude and of the knowledge of the rotation.
+        """Takes the errors of the knowledge of the rotation and of the attitude.
 
         Args:
-          constant: (3,) rotation vector in rad in S.
-          varying_std: standard deviation per axis in rad of the rotation vector that varies.
-          correlation_time: s, of the part that varies.
-          believed_spin, true_spin: of the body; see `spin_model`.
-          phase: rad: what the believed rotation phase is ahead by.
-          period: control period in s.
-          seed: the seed of a new Context.
+          spins: of the body. errors: of star tracker and mounting; None: there are none.
+          period: control period in s. seed: the seed of a new Context.
         """
-        super().__init__(constant, varying_std, correlation_time, period, seed)
-        owner = "AttitudeError"
-        check_finite(owner, phase=phase)
-        self.believed_spin, self.phase = spin_model(believed_spin), phase
-        self.true_spin = spin_model(true_spin)
+        errors = errors or TrueAttitudeConfig()
+        super().__init__(
+            errors.constant, errors.varying_std, errors.correlation_time_s, period, seed
+        )
+        check_finite("AttitudeError", phase=spins.phase)
+        self.spins = SpinKnowledge(spin_model(spins.true), spin_model(spins.believed), spins.phase)
         self.DeclareVectorOutputPort("attitude", 4, self._calc_attitude, self.seed_tickets())
 
     def _calc_attitude(self, context, output):
-        axes = believed_axes(
-            context.get_time(),
-            believed_spin=self.believed_spin,
-            true_spin=self.true_spin,
-            phase=self.phase,
-        )
+        axes = believed_axes(context.get_time(), self.spins)
         error = quaternion_of(self.vector_at(context))
         output.SetFromVector(quaternion_product(axes, error))

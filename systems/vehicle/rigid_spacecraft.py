@@ -20,6 +20,7 @@ from proxops.systems.common import (
     check_positive,
     finite_vector,
     kernel,
+    make_for_floats,
 )
 from proxops.systems.vehicle.spacecraft import mass_left
 
@@ -326,4 +327,5 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
     return Impl
 
 
+make_for_floats(RigidSpacecraft_)
 RigidSpacecraft = RigidSpacecraft_[None]

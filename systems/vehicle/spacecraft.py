@@ -18,6 +18,7 @@ from proxops.systems.common import (
     config,
     cross_matrix,
     finite_vector,
+    make_for_floats,
     number,
 )
 
@@ -251,4 +252,5 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
     return Impl
 
 
+make_for_floats(Spacecraft_)
 Spacecraft = Spacecraft_[None]

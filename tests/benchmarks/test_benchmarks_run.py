@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from pages import ROOT
+from scripts import run_script
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.scenario import load_scenario
@@ -50,11 +51,16 @@ def test_every_benchmark_is_run() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("name", RUNS)
-def test_a_benchmark_runs(name: str, tmp_path: Path) -> None:
+def test_a_benchmark_runs(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     script, _, study = name.partition(": ")
     own = [study] if script == "closed_loop" else []
-    assert re.search(r"\d", run(script, own + RUNS[name], tmp_path)), "it prints no figure"
+    monkeypatch.chdir(tmp_path)
+    run_script(BENCHMARKS / f"{script}.py", *own, *RUNS[name])
+    assert re.search(r"\d", capfd.readouterr().out), "it prints no figure"
 
 
 @pytest.mark.slow

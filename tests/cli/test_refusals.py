@@ -23,23 +23,27 @@ from proxops.systems import (
     InputError,
     Lidar,
     LidarErrors,
+    LidarFrames,
     LidarGeometry,
     LidarNavigation,
     ModelPredictiveController,
     ProportionalDerivative,
     RandomWalkDisturbance,
     Spacecraft,
+    SpinKnowledge,
     StateNoise,
     ThrusterErrors,
     UnexplainedAcceleration,
     VelocityKicks,
 )
+from proxops.systems.vehicle import TrueAttitudeConfig
 
 NAN, INF = math.nan, math.inf
 
 
-def attitude_error(**given: Any) -> AttitudeError:
-    return AttitudeError(**{"believed_spin": 3e-4, "true_spin": (0.0, 0.0, 3e-4), **given})
+def attitude_error(constant: tuple[float, ...] = (0.0, 0.0, 0.0), **given: Any) -> AttitudeError:
+    errors = TrueAttitudeConfig(constant_deg=list(constant))
+    return AttitudeError(SpinKnowledge(3e-4, 3e-4), errors, **given)
 
 
 def force_noise(**given: Any) -> ForceNoise:
@@ -60,7 +64,9 @@ def mpc(**given: Any) -> ModelPredictiveController:
 
 def navigation(**given: Any) -> LidarNavigation:
     body = kleopatra()
-    given = {"spin": body.spin_rate, "mass": 100.0, "noise_std": 50.0, **given}
+    own = {key: given.pop(key) for key in LidarFrames._fields if key in given}
+    frames = LidarFrames(**{"noise_std": 50.0, **own})
+    given = {"spin": body.spin_rate, "mass": 100.0, "frames": frames, **given}
     return LidarNavigation(body.shape, body.gravity_field, **given)
 
 
@@ -112,7 +118,7 @@ REFUSED: list[tuple[Callable[..., Any], str, tuple[Any, ...]]] = [
     (mpc, "cold_iterations", (0, 10**22)),
     (navigation, "noise_std", (0.0,)),
     (navigation, "mass", (-1.0,)),
-    (navigation, "frame_delay", (-1,)),
+    (navigation, "delay", (-1, 0.5)),
     (navigation, "spin", (NAN,)),
     (random_walk, "max_relative_magnitude", (-0.1, NAN)),
     (random_walk, "reset_period", (5.0, INF)),

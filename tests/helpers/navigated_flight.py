@@ -8,7 +8,7 @@ from plain_motion import moved
 from scipy.spatial.transform import Rotation
 from short_flights import kleopatra
 
-from proxops.systems import LidarNavigation
+from proxops.systems import ExpectedErrors, LidarFrames, LidarNavigation
 from proxops.systems.lidar import DEFAULT_GEOMETRY
 from proxops.systems.shapes import Polyhedron, ray_caster
 
@@ -18,10 +18,9 @@ MASS, NOISE, PERIOD = 100.0, 50.0, 10.0
 ATTITUDE = Rotation.from_rotvec(np.radians([0.6, -0.5, 0.62]))  # 1 degree.
 
 
-def navigation(**changes: object) -> LidarNavigation:
-    body = kleopatra()
-    given = {"mass": MASS, "noise_std": NOISE, **changes}
-    return LidarNavigation(body.shape, body.gravity_field, body.spin_rate, **given)
+def navigation(expected: ExpectedErrors | None = None, delay: int = 0) -> LidarNavigation:
+    body, frames = kleopatra(), LidarFrames(NOISE, delay=delay)
+    return LidarNavigation(body.shape, body.gravity_field, body.spin_rate, MASS, frames, expected)
 
 
 class Flight(NamedTuple):

@@ -1,5 +1,6 @@
 """README.md and docs/ tell of what there is: ports, commands, notebooks, and Python that runs."""
 
+import functools
 import json
 import re
 import runpy
@@ -33,8 +34,10 @@ from synthetic_log import synthetic_log
 from typer.main import get_command
 
 from proxops import systems
+from proxops.cli import replay
 from proxops.cli.main import app, command, main
 from proxops.diagrams.flight import fly, make_transit_diagram, named_controller, surroundings
+from proxops.diagrams.meshcat import write_movie
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems.lidar import LidarGeometry
 from proxops.systems.rotation import SteadySpin
@@ -65,7 +68,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
         systems.Moons([], 3e-4),
         systems.LidarWithMoons(kleopatra().shape, [], 3e-4),
         systems.MoonMask(LidarGeometry(), [], 3e-4, 1e5),
-        systems.AttitudeError(believed_spin=0.0, true_spin=(0.0, 0.0, 0.0)),
+        systems.AttitudeError(systems.SpinKnowledge(0.0, 0.0)),
         systems.CommandAxes(7.0),
         systems.BodyPose(MultibodyPlant(0.0).world_body()),
         systems.EnabledValue(3),
@@ -211,6 +214,8 @@ def test_every_command_in_brief(
     write_guidance(working_folder / "out" / "any-body" / "bundle")
     write_ball_bundle(working_folder / "out" / "lidar" / "bundle", kleopatra().shape.sha256)
     (working_folder / "out" / "full").rename(working_folder / "out" / "kept")
+    short = functools.partial(write_movie, seconds=0.5, width=160)  # `test_browser` makes a longer.
+    monkeypatch.setattr(replay, "write_movie", short)
     run_already = set()
     commands = {tuple(shlex.split(line, comments=True)[1:]): line for _, line in proxops_lines()}
     for typed, line in commands.items():

@@ -104,7 +104,7 @@ def test_the_shadow_comes_late_by_less_than_a_period() -> None:
     hidden = in_shadow(kleopatra().shape, data["state"].values[:, :3], data["sun_direction"].values)
     assert hidden.any()
     assert not hidden[[0, -1]].any()
-    _, velocity = in_n(start, end, towards, PUSH, True, 1.0)
+    _, velocity = in_n(start, end, towards, PUSH, True, 5.0)
     _, unhidden = in_n(start, end, towards, PUSH, False)
     found = data["velocity_inertial"].values[-1]
     assert np.linalg.norm(found - velocity) < 2.0 * 10.0 * PUSH

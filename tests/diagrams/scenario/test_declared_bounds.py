@@ -18,7 +18,7 @@ from proxops.diagrams.scenario.world import draw_world
 from proxops.systems import InputError
 from proxops.systems.assurance import AssuranceBounds
 from proxops.systems.shapes import Polyhedron, vertex_normals
-from proxops.systems.vehicle.attitude_error import believed_axes
+from proxops.systems.vehicle import SpinKnowledge, believed_axes
 
 # Everything that a bound is made of, but what changes gravity, which takes longer.
 DISPERSIONS = """
@@ -124,7 +124,7 @@ def test_pole_and_spin_are_covered(tmp_path: Path) -> None:
     off = np.abs(felt(np.array(true)) - felt(np.array([0.0, 0.0, body.spin_rate]))).max()
     assert 0.3 * bounds.acceleration_m_s2 < off <= bounds.acceleration_m_s2
     for time in np.linspace(0.0, 7800.0, 40):
-        axes = believed_axes(time, believed_spin=body.spin_rate, true_spin=tuple(true), phase=0.0)
+        axes = believed_axes(time, SpinKnowledge(tuple(true), body.spin_rate))
         turned = Rotation.from_quat(axes, scalar_first=True).magnitude()
         assert turned <= math.radians(bounds.thrust_direction_deg)
 

@@ -77,7 +77,7 @@ def same(one: object, other: object) -> bool:
     return repr(one) == repr(other)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(tree=trees)
 def test_all_readers_find_what_was_written(tree: object) -> None:
     text = write_yaml({"value": tree})

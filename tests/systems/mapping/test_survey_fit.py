@@ -7,7 +7,8 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from proxops.systems.mapping import survey_fit
+from proxops.systems.common import InputError
+from proxops.systems.mapping import batch, survey_fit
 from proxops.systems.mapping.path import Path
 from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.spheres import sphere
@@ -151,6 +152,13 @@ def test_steps_find_the_ellipsoid(case) -> None:
     # It began at 1.02 ** 3 of it, less what facets cut off.
     assert abs(volume / (4.0 / 3.0 * np.pi * AXES.prod()) - 1.0) < 0.01
     assert np.median(np.abs(solution.residuals)) < 0.3
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_map_of_another_size_is_refused(case, factor: float) -> None:
+    batch._check_size(case[0], AXES)
+    with pytest.raises(InputError, match="another body"):
+        batch._check_size(case[0], factor * AXES)
 
 
 def test_nearest_places_are_those_of_trimesh() -> None:

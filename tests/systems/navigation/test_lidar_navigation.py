@@ -252,7 +252,7 @@ def through_ports(system: LidarNavigation, flown: Flight, count: int) -> list[di
 @pytest.mark.parametrize("delay", [0, 2])
 def test_the_system_is_the_navigator(delay: int) -> None:
     """What it remembers goes through the Context, and nothing is lost on the way."""
-    flown, system = flight(), navigation(frame_delay=delay)
+    flown, system = flight(), navigation(delay=delay)
     frames = np.vstack([np.full((delay, 4320), np.inf), flown.frames])[: len(flown.frames)]
     late = flown._replace(frames=frames)
     found = through_ports(system, late, 12)

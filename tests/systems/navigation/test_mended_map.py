@@ -15,7 +15,14 @@ from proxops.diagrams.scenario import (
     filter_tuning,
     load_scenario,
 )
-from proxops.systems import InputError, LidarNavigation, MapError, MendedMap, Polyhedron
+from proxops.systems import (
+    InputError,
+    LidarFrames,
+    LidarNavigation,
+    MapError,
+    MendedMap,
+    Polyhedron,
+)
 from proxops.systems.navigation import (
     Estimate,
     ExpectedErrors,
@@ -161,8 +168,8 @@ def test_a_mended_map_is_nearer_to_the_truth_and_flies_better_from_the_start() -
     assert np.mean(left[seen] ** 2) < 0.5 * np.mean(off[seen] ** 2)
     assert np.mean(np.abs(left) < 3.0 * found.deviations) > 0.9
     second = LidarNavigation(
-        found.shape, body.gravity_field, body.spin_rate, 100.0, 50.0,
-        expected=ExpectedErrors(), map_error=found.error,
+        found.shape, body.gravity_field, body.spin_rate, 100.0, LidarFrames(50.0),
+        map_error=found.error,
     )  # fmt: skip
     after, _ = flown_by(second, true, 6, 900)
     assert np.median(after) < 0.7 * np.median(before[:6])

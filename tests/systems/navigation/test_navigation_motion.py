@@ -32,7 +32,7 @@ from proxops.systems.navigation.estimate import (
 )
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.shapes import Polyhedron
-from proxops.systems.vehicle.attitude_error import believed_axes
+from proxops.systems.vehicle import SpinKnowledge, believed_axes
 
 MASS, RATE, TAU = 1000.0, 3.24e-4, 600.0
 FORCE = np.array([5.0, -3.0, 6.0])
@@ -263,7 +263,7 @@ def test_attitude_drifts_as_the_vehicle_s(phase: float) -> None:
     true = np.array([0.0, 0.0, RATE]) + wrong
 
     def truth(time: float) -> Rotation:
-        axes = believed_axes(time, believed_spin=RATE, true_spin=tuple(true), phase=phase)
+        axes = believed_axes(time, SpinKnowledge(tuple(true), RATE, phase))
         return Rotation.from_quat(axes, scalar_first=True)
 
     mean = np.zeros(BASE)

@@ -1,0 +1,18 @@
+"""`make_for_floats`: makes the class of a Drake template quickly."""
+
+from __future__ import annotations
+
+import threading
+
+from pydrake.common.cpp_template import TemplateBase
+
+
+def make_for_floats(template: TemplateBase) -> None:
+    """Makes the class that a `TemplateSystem` has for float; from then on `template[None]` is it.
+
+    Drake looks at all calls that led to where a class is made. In the midst of imports they are
+    so many that it takes a second for three classes. A thread has no calls before its own.
+    """
+    thread = threading.Thread(target=template.get_instantiation, args=((float,),))
+    thread.start()
+    thread.join()
