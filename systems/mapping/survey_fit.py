@@ -335,9 +335,7 @@ def _rows(
     return rows, incidences
 
 
-def add_motion(
-    survey: Survey, expected: Expected, matrix: np.ndarray, right: np.ndarray
-) -> None:
+def add_motion(survey: Survey, expected: Expected, matrix: np.ndarray, right: np.ndarray) -> None:
     """Adds the equation of motion at the path's places: p'' = gravity + constant.
 
     What the commanded thrust does is in `Survey.moved`; it may be wrong by a share. Each burn is
