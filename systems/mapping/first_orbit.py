@@ -141,7 +141,9 @@ def with_first_orbit(
         deviation = expected.gravity * believed
         matrix[gm, gm] += deviation**-2.0
         right[gm] += (survey.tail[GRAVITY][0] - believed) / deviation**2
-        step = -scipy.linalg.solve(matrix[np.ix_(chosen, chosen)], right[chosen], assume_a="pos")
+        # Units are many, and short parts of the path steep: Cholesky's factors do not mind either.
+        factor = scipy.linalg.cho_factor(matrix[np.ix_(chosen, chosen)])
+        step = -scipy.linalg.cho_solve(factor, right[chosen])
         survey.coefficients = survey.coefficients + step[:-1].reshape(-1, 3)
         survey.tail[GRAVITY] += step[-1]
     return survey
