@@ -121,7 +121,8 @@ def errors_of(seed: int, kinks: bool = True) -> np.ndarray:
                             np.vstack([free, np.zeros((path.size, 3))]), rcond=None)[0]  # fmt: skip
     survey = prior = dc.replace(survey, coefficients=start)
     weighting = Weighting(surface=0.01, roughness=0.3, free=True, slide=1.0)
-    for _ in range(3):
+    survey, solution = improved(survey, returns, prior, EXPECTED, weighting)
+    for _ in range(2):
         survey, solution = improved(survey, returns, prior, EXPECTED, weighting)
     deviations = np.sqrt(np.diag(solution.covariance)[-TAIL:])
     return ((survey.tail - tail) / deviations)[np.r_[POLE, RATE]]
