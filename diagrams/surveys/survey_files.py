@@ -172,9 +172,9 @@ def expected_entries(
     rough = float(max(1.5 * deviation, _LEAST["surface"] * size))
     # The centre of mass is the origin of B, and the map's centre is where density is uniform.
     trial = GravityField(body.shape, mass=body.config.mass_kg, contrast=0.1).centre_of_mass
-    sigma = uncertainty.acceleration / survey.rate**2
-    off = float(np.linalg.norm(made.centre[:2])) / 3.0
-    contrast = 0.1 * float(np.hypot(off, sigma)) / max(float(np.linalg.norm(trial)), 1e-9)
+    # It was found there, so that is what a contrast has to reach, and what it may be off beside.
+    off = np.linalg.norm(made.centre) / 3.0 + np.linalg.norm(uncertainty.centre)
+    contrast = 0.1 * float(off) / max(float(np.linalg.norm(trial)), 1e-9)
     entries |= {
         "truth.gravity": normal(1.0, max(uncertainty.gravity, _LEAST["gravity"])),
         "truth.pole_deg": normal(0.0, max(np.degrees(uncertainty.pole), _LEAST["pole"])),

@@ -132,7 +132,9 @@ def survey_world(scenario: Scenario, body: Body) -> World:
     velocity = speed * (across * side - math.sqrt(1.0 - across**2) * up)
     true_body = make_true_body(body, drawn.truth)
     turning = velocity - np.cross(true_body.spin.rate, start)
-    return World(drawn, body, true_body, Transit(0, 0, start, 100.0 * start, turning))
+    ends = start, 100.0 * start
+    seed, index = scenario.transit.seed, scenario.transit.index
+    return World(drawn, body, true_body, Transit(seed, index, *ends, turning))
 
 
 class Flying:

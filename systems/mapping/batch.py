@@ -25,8 +25,8 @@ from proxops.systems.mapping.survey_fit import (
 )  # fmt: skip
 
 # Knots of the path, over the time in which the acceleration's correlation falls to 1/e; and of the
-# attitude.
-_KNOTS, _TURNS = 1.0, 0.67
+# attitude. A burn is taken as one kick for at most this share of the time between knots.
+_KNOTS, _TURNS, _BURN = 1.0, 0.67, 0.25
 # The mesh has about this many facets at the end.
 FACETS = 14_000
 # Returns beyond so many are left out evenly: the map's facets say what is left.
@@ -129,7 +129,9 @@ def _believed(
 ) -> Survey:
     """What is believed before the survey; its path is at the origin."""
     start, end = float(returns.times[0]), float(returns.times[-1])
-    path = Path.between(start, end, _KNOTS * expected.varying_time)
+    spacing = _KNOTS * expected.varying_time
+    burns = returns.burns(_BURN * spacing).within(start, end)
+    path = Path.between(start, end, spacing, burns.times)
     nodes = max(2, round((end - start) / (_TURNS * expected.turning_time)) + 1)
     tail = np.zeros(TAIL)
     tail[RATE], tail[GRAVITY] = rate, gm
@@ -137,7 +139,7 @@ def _believed(
     return Survey(
         path, np.zeros((path.size, 3)), (returns.times, returns.driven),
         np.zeros((nodes, 3)), np.linspace(start, end, nodes), tail,
-        epoch, rate * epoch, ball.vertices * semi_axes, ball.facets,
+        epoch, rate * epoch, ball.vertices * semi_axes, ball.facets, burns.kicks,
     )  # fmt: skip
 
 

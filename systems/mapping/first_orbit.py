@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from proxops.systems.common import InputError, Matrix3, Values, Vector3, Vectors3, one_thread
+from proxops.systems.mapping.path import Path
 from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.survey_fit import GRAVITY, Expected, Survey, add_motion
 
@@ -25,6 +26,8 @@ _FITS = 4
 # Standard deviation of a middle, over the longest semi-axis.
 _SPREAD = 0.2
 _ITERATIONS = 6
+# How much smoothness counts at the start, over what one middle counts.
+_STIFF = 100.0
 
 
 def densest(rays: Vectors3, longest: float) -> Values:
@@ -120,8 +123,7 @@ def with_first_orbit(
     value = survey.path.matrix(returns.times[seen])
     places = places - survey.moved(returns.times[seen])
     sigma, size = _SPREAD * float(np.max(semi_axes)), 3 * survey.path.size
-    smooth = np.diff(np.eye(survey.path.size), 3, axis=0)
-    start = np.linalg.solve(value.T @ value + 100.0 * smooth.T @ smooth, value.T @ places)
+    start = np.linalg.solve(value.T @ value + _smoothness(survey.path), value.T @ places)
     survey = dc.replace(survey, coefficients=start, tail=survey.tail.copy())
     believed = survey.tail[GRAVITY][0]
     count = size + survey.turns.size + len(survey.tail)
@@ -129,7 +131,7 @@ def with_first_orbit(
     chosen = np.r_[np.arange(size), gm]
     for _ in range(_ITERATIONS):
         matrix, right = np.zeros((count, count)), np.zeros(count)
-        add_motion(survey, returns, expected, matrix, right)
+        add_motion(survey, expected, matrix, right)
         residuals = value @ survey.coefficients - places
         weights = 1.0 / (sigma**2 + (residuals**2).sum(axis=1) / 4.0)
         for i in range(3):
@@ -139,7 +141,17 @@ def with_first_orbit(
         deviation = expected.gravity * believed
         matrix[gm, gm] += deviation**-2.0
         right[gm] += (survey.tail[GRAVITY][0] - believed) / deviation**2
-        step = -scipy.linalg.solve(matrix[np.ix_(chosen, chosen)], right[chosen], assume_a="pos")
+        # Units are many, and short parts of the path steep: Cholesky's factors do not mind either.
+        factor = scipy.linalg.cho_factor(matrix[np.ix_(chosen, chosen)])
+        step = -scipy.linalg.cho_solve(factor, right[chosen])
         survey.coefficients = survey.coefficients + step[:-1].reshape(-1, 3)
         survey.tail[GRAVITY] += step[-1]
     return survey
+
+
+def _smoothness(path: Path) -> np.ndarray:
+    """What makes the first path smooth: a matrix (J, J) of normal equations."""
+    step = np.diff(np.unique(path.knots)).max()
+    third = path.matrix(path.places, 3) * (step**2.5 * np.sqrt(path.steps))[:, None]
+    rows = np.vstack([third, step * path.jumps])
+    return _STIFF * rows.T @ rows

@@ -9,6 +9,20 @@ import numpy as np
 from proxops.systems.common import Values, Vectors3
 
 
+class Burns(NamedTuple):
+    """Short burns, each as a kick in its middle."""
+
+    times: Values
+    """(B,) in s, ascending."""
+    kicks: Values
+    """(B,) in m/s: by how much they are to change the velocity."""
+
+    def within(self, start: float, end: float) -> Burns:
+        """Those between two times in s."""
+        kept = (self.times > start) & (self.times < end)
+        return Burns(self.times[kept], self.kicks[kept])
+
+
 class Returns(NamedTuple):
     """The returns of F frames, in order, and what was known when they were measured.
 
@@ -42,6 +56,19 @@ class Returns(NamedTuple):
         """(K, 3): the measured ranges as vectors from the spacecraft, in N."""
         along = np.einsum("kij,kj->ki", self.attitudes[self.frames], self.directions)
         return self.ranges[:, None] * along
+
+    def burns(self, longest: float) -> Burns:
+        """The burns of the commands, cut where they last longer than `longest` in s."""
+        sizes = np.linalg.norm(self.thrusts, axis=1)
+        index = np.flatnonzero(sizes)
+        period = float(np.median(np.diff(self.times)))
+        times, kicks = self.times[index] + 0.5 * period, sizes[index] * period
+        burns = []
+        while len(times):
+            one = times < times[0] + longest
+            burns.append((np.average(times[one], weights=kicks[one]), kicks[one].sum()))
+            times, kicks = times[~one], kicks[~one]
+        return Burns(*np.reshape(burns, (-1, 2)).T)
 
     @property
     def driven(self) -> Vectors3:

@@ -94,6 +94,8 @@ class Survey:
     vertices: Vectors3
     """(V, 3) in m in B: the map."""
     facets: np.ndarray
+    kicks: Values = dc.field(default_factory=lambda: np.zeros(0))
+    """(B,) in m/s: by how much commands change the velocity at the kinks of the path."""
 
     def body_attitudes(self, times: Values) -> np.ndarray:
         """R_NB (T, 3, 3) at times (T,) in s."""
@@ -257,7 +259,7 @@ def improved(
     )  # fmt: skip
     matrix, cross, right = equations
     matrix += np.triu(matrix, 1).T
-    add_motion(survey, returns, expected, matrix, right)
+    add_motion(survey, expected, matrix, right)
     _add_priors(survey, prior, expected, weighting, matrix, right)
     heights = sp.csr_matrix(
         (motions.ravel(), corners.ravel(), np.arange(0, motions.size + 1, 3)),
@@ -333,12 +335,11 @@ def _rows(
     return rows, incidences
 
 
-def add_motion(
-    survey: Survey, returns: Returns, expected: Expected, matrix: np.ndarray, right: np.ndarray
-) -> None:
+def add_motion(survey: Survey, expected: Expected, matrix: np.ndarray, right: np.ndarray) -> None:
     """Adds the equation of motion at the path's places: p'' = gravity + constant.
 
-    What the commanded thrust does is in `Survey.moved`; it may be wrong by a share.
+    What the commanded thrust does is in `Survey.moved`; it may be wrong by a share. Each burn is
+    short, so what it is wrong by is a jump of the velocity.
     """
     path, times = survey.path, survey.path.places
     bodies = survey.body_attitudes(times)
@@ -348,12 +349,10 @@ def add_motion(
     gm = survey.gm
     pull = np.einsum("tij,tj->ti", bodies, pull)
     gradient = gm * np.einsum("tij,tjk,tlk->til", bodies, gradient, bodies)
-    spread = _thrust(survey, returns)
     constant = np.einsum("tij,j->ti", bodies, survey.tail[ACCELERATION])
     second = path.matrix(times, 2)
     residuals = second @ survey.coefficients - gm * pull - constant
-    white = expected.varying * np.sqrt(2.0 * expected.varying_time / path.step)
-    sigma = np.sqrt(white**2 + (expected.thrust * spread) ** 2)
+    sigma = expected.varying * np.sqrt(2.0 * expected.varying_time / path.steps)
     size, count = 3 * path.size, len(right)
     rows = np.zeros((len(times), 3, count))
     value = path.matrix(times)
@@ -367,15 +366,11 @@ def add_motion(
     rows = rows.reshape(-1, count) / np.repeat(sigma, 3)[:, None]
     matrix += rows.T @ rows
     right += rows.T @ (residuals / sigma[:, None]).ravel()
-
-
-def _thrust(survey: Survey, returns: Returns) -> Values:
-    """The commanded acceleration (T,) in m/s^2 about each of the path's places, in the mean."""
-    step, places = survey.path.step, survey.path.places
-    cell = np.round((returns.times - places[0]) / step).astype(np.int64).clip(0, len(places) - 1)
-    period = float(np.median(np.diff(returns.times)))
-    sizes = np.linalg.norm(returns.thrusts, axis=1) * (period / step)
-    return np.bincount(cell, sizes, len(places))
+    jumps = path.jumps / (expected.thrust * survey.kicks)[:, None]
+    for i in range(3):
+        axis = np.arange(i, size, 3)
+        matrix[np.ix_(axis, axis)] += jumps.T @ jumps
+        right[axis] += jumps.T @ (jumps @ survey.coefficients[:, i])
 
 
 def _add_priors(

@@ -6,13 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import Values, one_thread
+from proxops.systems.common import Values, Vector3, one_thread
 from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.survey_fit import (
-    ACCELERATION,
     AFFINE,
     GRAVITY,
-    POLE,
     RATE,
     TAIL,
     Solution,
@@ -47,11 +45,11 @@ class MapUncertainty(NamedTuple):
     gravity: float
     """Of GM, over GM."""
     pole: float
-    """Of the spin axis, in rad, about each of two axes."""
+    """Of the spin axis in the frame of the map, in rad, about each of two axes."""
     rate: float
     """Of the spin rate, over the rate."""
-    acceleration: float
-    """Of the constant acceleration, in m/s^2."""
+    centre: Vector3
+    """(3,) in m: of the centre of mass in the frame of the map, along the axes of B."""
     weights: Values
     """(V,): share of each vertex in the area of the map."""
 
@@ -70,8 +68,9 @@ class MapUncertainty(NamedTuple):
 def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> MapUncertainty:
     """Says what is uncertain of a map, by the covariance of the last step and its residuals.
 
-    A map may be moved and turned as a whole: that is no error. What its facets are too coarse for
-    is the root mean square of the residuals beyond the range noise.
+    Who uses a map registers it: that it is moved or turned as a whole is no error of its surface.
+    It is one of the centre of mass and of the spin axis, which lie elsewhere in it. What its facets
+    are too coarse for is the root mean square of the residuals beyond the range noise.
     """
     vertices, facets = survey.vertices, survey.facets
     # The diagonal of an inverse, by random signs (Hutchinson): off it there is little.
@@ -85,8 +84,10 @@ def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> Map
     places = np.concatenate([np.ones((len(vertices), 1)), vertices / size], axis=1)
     affine = (places[:, :, None] * solution.outward[:, None]).reshape(-1, 12)
     moving[:, tail:][:, AFFINE] += affine
-    rigid = rigid_motions(vertices, solution.outward, vertices.mean(axis=0), size)
-    moving -= rigid @ np.linalg.lstsq(rigid, moving)[0]
+    rigid = rigid_motions(vertices, solution.outward, np.zeros(3), size)
+    register = np.linalg.pinv(rigid)
+    whole = register @ moving
+    moving -= rigid @ whole
     # Unknowns are of many units: correlations have eigenvectors that rounding leaves whole.
     each = np.sqrt(np.diag(solution.covariance))
     alike = solution.covariance / np.outer(each, each)
@@ -104,12 +105,16 @@ def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> Map
     deviations = np.sqrt(spread**2 + np.einsum("vm,vm->v", table, table))
     edges = np.linalg.norm(vertices[facets] - vertices[np.roll(facets, -1, axis=1)], axis=2)
     areas = vertex_normals(Surface(vertices, facets))[1]
+    weights = areas / areas.sum()
     sigma = np.sqrt(np.diag(solution.covariance)[tail:])
+    # Of the map against the axis and the centre of mass: what all of it has in common, and what
+    # the errors of single vertices do to a registration.
+    common = np.einsum("ig,gh,ih->i", whole, solution.covariance, whole)
+    motion = np.sqrt(common + register**2 @ spread**2)
     return MapUncertainty(
-        deviations, table, float(np.median(spread) ** 2), float(np.mean(edges)), counts,
-        float(sigma[GRAVITY][0] / survey.gm), float(sigma[POLE].max()),
-        float(sigma[RATE][0] / abs(survey.rate)), float(sigma[ACCELERATION].max()),
-        areas / areas.sum(),
+        deviations, table, float(weights @ spread**2), float(np.mean(edges)), counts,
+        float(sigma[GRAVITY][0] / survey.gm), float(motion[3:5].max()) / size,
+        float(sigma[RATE][0] / abs(survey.rate)), motion[:3], weights,
     )  # fmt: skip
 
 

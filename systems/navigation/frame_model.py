@@ -19,7 +19,7 @@ from proxops.systems.navigation._frame_kernel import (
 )
 from proxops.systems.navigation.estimate import BASE, MEASURED, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
-from proxops.systems.navigation.relief import PATTERNS, relief_rows
+from proxops.systems.navigation.relief import patterns, relief_rows
 from proxops.systems.shapes import Polyhedron, RayFan, ray_caster
 
 
@@ -98,12 +98,12 @@ class FrameModel:
     def _with_relief(
         self, compared: Comparison, points: np.ndarray, mean: np.ndarray
     ) -> Comparison:
-        """A `Comparison` of K rays that meet points (K, 3), with coefficients (10,) of relief."""
+        """A `Comparison` of K rays that meet points (K, 3), with coefficients (P,) of relief."""
         rows, residuals, variances = compared.rows, compared.residuals, compared.variances
-        found, usable = np.zeros((len(rows), PATTERNS)), np.flatnonzero(variances < np.inf)
+        like = rows[:, : patterns(self.map_error.modes)]
+        found, usable = np.zeros_like(like), np.flatnonzero(variances < np.inf)
         if usable.size:
             std, correlation = self.map_error.relief, self.map_error.relief_correlation
-            measured = rows[usable, : MEASURED.size]
-            found[usable], anew = relief_rows(measured, points[usable], std, correlation)
+            found[usable], anew = relief_rows(like[usable], points[usable], std, correlation)
             residuals, variances = residuals - found @ mean, variances + anew
         return Comparison(compared.rays, residuals, variances, np.hstack([rows, found]))

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from proxops.systems.common import Values, one_thread
-from proxops.systems.navigation.relief import PATTERNS
+from proxops.systems.navigation.relief import patterns
 from proxops.systems.shapes import Polyhedron, rigid_motions, vertex_normals
 
 # Points of the surface at which the smooth displacements are computed; between them they are
@@ -77,7 +77,7 @@ class MapError:
     @property
     def coefficients(self) -> int:
         """Number of the coefficients that a filter has to estimate: of modes, then of relief."""
-        return self.modes + (PATTERNS if self.relief else 0)
+        return self.modes + (patterns(self.modes) if self.relief else 0)
 
     @property
     def deviations(self) -> Values:

@@ -15,13 +15,23 @@ import numpy as np
 from proxops.systems.common import Vectors3
 from proxops.systems.navigation.estimate import MEASURED, POSITION, Estimate
 
-PATTERNS = MEASURED.size
-"""Number of coefficients of the relief: one for each quantity that a range depends on."""
+# Of the modes of the map's error, which come in order of their size, so many are told from relief:
+# many modes share what relief could be taken for.
+_MODES = 8
 # Rays by which the relief's likeness from ray to ray is computed, at most.
 _ENOUGH = 200
 # Over so many correlation lengths of way, half of what matters of the relief stays alike: the rays
 # meet other stones then. The other half changes at once, with the facets that the rays meet.
 _SEEN_AGAIN = 3.0
+
+
+def patterns(modes: int) -> int:
+    """Number of coefficients of the relief: one for each quantity that it could be taken for.
+
+    Those are what a range depends on, and the first of the `modes` of the map's error. Without the
+    latter, stones that are seen for long would be taken for a map that is wrong as a whole.
+    """
+    return MEASURED.size + min(modes, _MODES)
 
 
 def relief_rows(
@@ -34,12 +44,12 @@ def relief_rows(
     is measured.
 
     Args:
-      rows: (K, 10) derivatives of the residuals by what is measured.
+      rows: (K, P) derivatives of the residuals by what it could be taken for: see `patterns`.
       points: (K, 3) in m, where the rays meet the map.
       std, correlation: s and l in m.
 
     Returns:
-      (K, 10), with columns of 0 if there are fewer rays; and the variance in m^2 by which each
+      (K, P), with columns of 0 if there are fewer rays; and the variance in m^2 by which each
       residual is off anew in each frame: of what matters, as much as the coefficients have.
     """
     basis, triangle = np.linalg.qr(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300))
@@ -55,7 +65,7 @@ def relief_rows(
     spread = basis.T @ basis + share * few.T @ alike @ few
     values, vectors = np.linalg.eigh(spread)
     root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    found = np.zeros((len(rows), PATTERNS))
+    found = np.zeros_like(rows)
     found[:, : basis.shape[1]] = std * basis @ root
     return found, std**2 * max(0.0, float(values.mean()))
 
@@ -69,9 +79,9 @@ def forgotten(estimate: Estimate, before: Estimate, first: int, correlation: flo
     way = np.linalg.norm(estimate.mean[POSITION] - before.mean[POSITION])
     decay = math.exp(-way / (_SEEN_AGAIN * correlation))
     mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
-    some = slice(first, first + PATTERNS)
+    some = slice(first, None)
     mean[some] *= decay
     covariance[some] *= decay
     covariance[:, some] *= decay
-    covariance[some, some] += (1.0 - decay**2) * np.eye(PATTERNS)
+    covariance[some, some] += (1.0 - decay**2) * np.eye(len(mean) - first)
     return estimate._replace(mean=mean, covariance=covariance)

@@ -125,7 +125,7 @@ def test_a_step_is_that_of_dense_normal_equations(case) -> None:
     variances = 1.0 + (EXPECTED.noise * incidences) ** 2
     weights = 1.0 / (variances + solution.residuals**2 / 4.0)
     matrix, right = np.zeros((count, count)), np.zeros(count)
-    survey_fit.add_motion(survey, returns, EXPECTED, matrix, right)
+    survey_fit.add_motion(survey, EXPECTED, matrix, right)
     survey_fit._add_priors(survey, survey, EXPECTED, weighting, matrix, right)
     own = np.bincount(corners.ravel(), (weights[:, None] * motions**2).ravel(), size)
     smooth, target = survey_fit._smoothness(survey, outward, 0.3, own)

@@ -4,10 +4,20 @@ import numpy as np
 import pytest
 import trimesh
 
+from proxops.systems.lidar import LidarGeometry
 from proxops.systems.navigation import ExpectedErrors, MapError
-from proxops.systems.navigation.estimate import BASE, Estimate
-from proxops.systems.navigation.relief import PATTERNS, forgotten, relief_rows
-from proxops.systems.shapes import Polyhedron
+from proxops.systems.navigation.correction import corrected
+from proxops.systems.navigation.estimate import (
+    BASE,
+    Estimate,
+    first_estimate,
+    first_sigmas,
+)
+from proxops.systems.navigation.frame_model import FrameModel
+from proxops.systems.navigation.relief import forgotten, patterns, relief_rows
+from proxops.systems.shapes import Polyhedron, ray_caster
+
+PATTERNS = patterns(0)
 
 
 def test_what_looks_like_an_error_of_the_pose_has_the_relief_s_covariance() -> None:
@@ -66,5 +76,41 @@ def test_relief_takes_what_the_modes_leave_out() -> None:
     assert rough.rest == 0.0
     assert rough.std == pytest.approx(np.hypot(2.0, 3.0))
     assert rough.relief**2 == pytest.approx(9.0 + smooth.rest / 10.0)
-    assert rough.coefficients == smooth.modes + PATTERNS
+    assert rough.coefficients == smooth.modes + patterns(smooth.modes)
     assert ExpectedErrors().relief_rms_m == 0.0
+
+
+def heights(points: np.ndarray, seed: int, std: float, correlation: float) -> np.ndarray:
+    """A random field at points (K, 3), by random waves."""
+    random = np.random.default_rng(seed)
+    waves, phases = random.normal(size=(500, 3)) / correlation, random.uniform(0.0, 7.0, 500)
+    return std * np.sqrt(2.0 / 500.0) * np.cos(points @ waves.T + phases).sum(axis=1)
+
+
+def test_stones_that_are_seen_for_long_are_no_wrong_map() -> None:
+    """A ball whose map may be wavy, and has no relief, is seen 30 times from the same place."""
+    ball = Polyhedron.from_trimesh(trimesh.creation.icosphere(4, 270.0), "m")
+    wavy = 0.1 * np.cos(ball.vertices[:, :1] / 60.0)
+    error = MapError.known(wavy, 0.0).with_relief(0.2, 12.0)
+    model = FrameModel(ball, LidarGeometry(12, 36, 1000.0), 0.1, error)
+    spin = np.array([0.0, 0.0, 4e-4])
+    sigma = first_sigmas(ExpectedErrors(), spin, error.coefficients, 10.0, 0.0)
+    place, off = np.array([0.0, 0.0, 370.0]), []
+    hits = ray_caster(ball).first_hits(place, model.directions)
+    met = hits.facets >= 0
+    rays = model.directions[met]
+    points = place + hits.distances[met, None] * rays
+    cosines = -np.einsum("ki,ki->k", rays, ball.normals[hits.facets[met]])
+    for seed in range(20):
+        random, ranges = np.random.default_rng(100 + seed), np.full(len(met), np.inf)
+        estimate = first_estimate(place, np.eye(3), sigma)
+        # The map's error is drawn as it is expected, too.
+        wave = 0.1 * random.standard_normal() * np.cos(points[:, 0] / 60.0)
+        risen = (heights(points, seed, 0.2, 12.0) + wave) / cosines
+        for _ in range(30):
+            ranges[met] = hits.distances[met] - risen + 0.1 * random.standard_normal(len(risen))
+            estimate = corrected(model, estimate, ranges).estimate
+        wanted = wave[0] / (0.1 * np.cos(points[0, 0] / 60.0))
+        off.append((estimate.mean[BASE] - wanted) / np.sqrt(estimate.covariance[BASE, BASE]))
+    consistent = np.sqrt(np.mean(np.square(off)))
+    assert consistent < 1.4, f"{consistent}"
