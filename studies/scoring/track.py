@@ -29,6 +29,7 @@ TRACKS = {
     "state": "269914ef78ad88ebcd9d2f906623506242cb5564527976dc3a4a36921ece9e35",
     "lidar": "7751fd493a54c651e4340df68bedcf2e8162b124407db26d1baa8bfe58edffd5",
     "lidar-after-survey": "729d24d3b02bed96a29b7f32fd81e17887357875a7e6523913ac68b2a32a4f85",
+    "touch": "41ad3bb6f14a4158730fef912e10d09b11ee597b1078074b9c30e26013b45748",
 }
 """The tracks that ship, and the SHA-256 of each."""
 ON_BOARD = ("mpc", "policy", "hybrid")

@@ -88,6 +88,28 @@ def middle_of(rays: Vectors3, semi_axes: Vector3, attitude: Matrix3) -> Vector3:
     return place
 
 
+def unseen(directions: Vectors3, middle: Vector3, longest: float) -> Matrix3:
+    """How far a frame's middle may be off where no rays pass: a covariance (3, 3) in m^2.
+
+    Rays that fill the disc of a body's radius R spread by R / 2 about its centre in any direction
+    across the line of sight. Where they spread less, as those of a single plane do, the middle may
+    be anywhere within R.
+
+    Args:
+      directions: (R, 3) unit vectors of all rays, whether they return or not.
+      middle: (3,) in m, the spacecraft's place from the middle, along the same axes.
+      longest: semi-axis of the body in m.
+    """
+    distance = float(np.linalg.norm(middle))
+    ahead = -middle / distance
+    along = directions @ ahead
+    near = along > np.cos(min(longest / distance, 0.5 * np.pi))
+    across = directions[near] * distance - (along[near] * distance)[:, None] * ahead
+    spread = np.outer(ahead, ahead) + 4.0 / longest**2 * across.T @ across / max(len(across), 1)
+    shares, axes = np.linalg.eigh(spread)
+    return longest**2 / 3.0 * (axes * np.clip(1.0 - shares, 0.0, 1.0)) @ axes.T
+
+
 def middles(returns: Returns, semi_axes: Vector3, attitudes: np.ndarray) -> tuple[Values, Vectors3]:
     """The frames (M,) that show the body, and the spacecraft's places (M, 3) in m from its middle.
 

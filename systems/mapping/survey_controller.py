@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from proxops.systems.common import Values, Vector3, Vectors3
-from proxops.systems.mapping.first_orbit import FEWEST, densest, middle_of
+from proxops.systems.mapping.first_orbit import FEWEST, densest, middle_of, unseen
 from proxops.systems.mapping.spheres import sphere
 from proxops.systems.mapping.survey_filter import (
     GM,
@@ -127,10 +127,14 @@ class SurveyController(LeafSystem):
         middle, rays = self._middle(turn, self._ranges.Eval(context))
         thrust = turn @ self._force(time, values) / self._mass
         flown = None if values[_SEEN] == 0.0 else _flown(values)
-        if flown is None:
-            flown = None if middle is None else first_seen(around, middle)
-        elif middle is not None:
-            flown = corrected(flown, around, middle, len(rays))
+        if middle is not None:
+            gap = turn @ unseen(self._directions, middle @ turn, around.longest) @ turn.T
+            if flown is None:
+                flown = first_seen(around, middle, gap)
+            else:
+                # So long what no ray shows is alike.
+                alike = max(1.0, around.crossing(float(np.linalg.norm(middle))) / self._period)
+                flown = corrected(flown, around, middle, len(rays), alike * gap)
         if flown is not None:
             near = np.linalg.norm(flown.mean[PLACE]) < _NEAR * around.radius
             values[_KEPT] += self._period if near or values[_KEPT] > 0.0 else 0.0

@@ -23,6 +23,7 @@ _SINGLE, _LEAST = 0.5, 0.02
 _GATE, _DOUBT = 3.0, 0.5
 # GM is at least this share of what is believed.
 _LIGHTEST = 0.3
+_NOTHING = np.zeros((3, 3))
 
 
 class Around(NamedTuple):
@@ -61,6 +62,10 @@ class Around(NamedTuple):
         noise = 2.0 * (_SPREAD * self.longest) ** 2 * _ALIKE * 2.0 * math.pi / abs(self.rate)
         return math.sqrt(3.0 * math.sqrt(2.0) * white**0.75 * noise**0.25)
 
+    def crossing(self, distance: float) -> float:
+        """Time in s in which a ray crosses the body, at a distance in m: rays turn with S."""
+        return min(2.0 * self.longest / distance, 2.0 * math.pi) / abs(self.rate)
+
     def turn(self, time: float) -> Matrix3:
         """R_NB (3, 3) at a time in s, as believed."""
         c, s = math.cos(self.rate * time), math.sin(self.rate * time)
@@ -81,8 +86,11 @@ class Flown(NamedTuple):
         return math.sqrt(max(0.0, float(np.trace(self.covariance[VELOCITY, VELOCITY]))))
 
 
-def first_seen(around: Around, middle: Vector3) -> Flown:
-    """The start: a spacecraft at the place (3,) in m in N from the middle, of any velocity."""
+def first_seen(around: Around, middle: Vector3, unseen: Matrix3 = _NOTHING) -> Flown:
+    """The start: a spacecraft at the place (3,) in m in N from the middle, of any velocity.
+
+    `unseen` (3, 3) in m^2 in N says how far the middle may be off because no rays pass there.
+    """
     mean = np.zeros(STATES)
     mean[PLACE], mean[GM] = middle, around.gm
     sigma = np.empty(STATES)
@@ -91,19 +99,26 @@ def first_seen(around: Around, middle: Vector3) -> Flown:
     sigma[VELOCITY] = math.sqrt(2.0 * around.gm / np.linalg.norm(middle))
     sigma[GM] = around.gm_error * around.gm
     sigma[OFFSET], sigma[CONSTANT] = _SPREAD * around.longest, around.constant
-    return Flown(mean, np.diag(sigma**2))
+    covariance = np.diag(sigma**2)
+    covariance[PLACE, PLACE] += unseen
+    return Flown(mean, covariance)
 
 
-def corrected(flown: Flown, around: Around, middle: Vector3, count: int) -> Flown:
-    """Takes the middle (3,) in m in N that a frame shows by so many returns into account."""
+def corrected(
+    flown: Flown, around: Around, middle: Vector3, count: int, unseen: Matrix3 = _NOTHING
+) -> Flown:
+    """Takes the middle (3,) in m in N that a frame shows by so many returns into account.
+
+    `unseen` is as of `first_seen`, for all frames together in which that is alike.
+    """
     longest = around.longest
     covariance = flown.covariance.copy()
     off = middle - flown.mean[PLACE] - flown.mean[OFFSET]
     rows = np.zeros((3, STATES))
     rows[:, PLACE] = rows[:, OFFSET] = np.eye(3)
-    noise = (_SINGLE**2 / count + _LEAST**2) * longest**2
-    spread = rows @ covariance @ rows.T + noise * np.eye(3)
-    if np.linalg.norm(off) > _GATE * math.sqrt(np.trace(spread)):
+    noise = (_SINGLE**2 / count + _LEAST**2) * longest**2 * np.eye(3) + unseen
+    spread = rows @ covariance @ rows.T + noise
+    if off @ np.linalg.solve(spread, off) > 3.0 * _GATE**2:
         # Either this is false, or what is believed: then the next ones are taken.
         covariance[PLACE, PLACE] += np.eye(3) * (_DOUBT * longest) ** 2
         return flown._replace(covariance=covariance)
@@ -112,7 +127,7 @@ def corrected(flown: Flown, around: Around, middle: Vector3, count: int) -> Flow
     mean[GM] = np.maximum(mean[GM], _LIGHTEST * around.gm)
     # Joseph's form: rounding must not make a variance negative.
     left = np.eye(STATES) - gain @ rows
-    return Flown(mean, left @ covariance @ left.T + noise * gain @ gain.T)
+    return Flown(mean, left @ covariance @ left.T + gain @ noise @ gain.T)
 
 
 def predicted(flown: Flown, around: Around, time: float, thrust: Vector3, period: float) -> Flown:

@@ -70,7 +70,7 @@ def test_tracks_are_what_was_drawn(name: str) -> None:
     track, many = load_track(name), 40 if name == "touch" else 200
     assert (track.name, track.sha256, len(track.changes)) == (name, TRACKS[name], many)
     of_track = {"lidar-after-survey": "after_survey", "touch": "touch_and_go"}
-    settings = {"log_ranges": False}
+    settings: dict[str, Any] = {"log_ranges": False}
     if name in of_track:
         settings["dispersions"] = of_track[name]
     file = "bennu_touch_and_go" if name == "touch" else None

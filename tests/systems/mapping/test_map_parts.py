@@ -1,11 +1,13 @@
 """The parts of the batch estimator beside closed forms."""
 
+import math
+
 import numpy as np
 import pytest
 
 from proxops.systems.common import InputError
 from proxops.systems.gravity import GravityField
-from proxops.systems.mapping.first_orbit import densest, middle_of
+from proxops.systems.mapping.first_orbit import densest, middle_of, unseen
 from proxops.systems.mapping.free_surface import free_surface, oriented
 from proxops.systems.mapping.mass_points import MassPoints
 from proxops.systems.mapping.path import Path
@@ -178,6 +180,38 @@ def test_the_filter_finds_the_velocity_and_is_sure_of_no_more() -> None:
             place = place + 0.1 * period * velocity
             velocity = velocity - 0.1 * period * place / np.linalg.norm(place) ** 3
     assert np.linalg.norm(flown.mean[VELOCITY] - velocity) < 3.0 * flown.unsure < 0.3
+
+
+def test_what_rays_show_of_a_middle() -> None:
+    """A single plane says nothing across it, a dense bundle all; nothing is said of the distance,
+    which is not in question."""
+    angles = np.radians(np.arange(-180.0, 180.0, 0.5))
+    plane = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
+    place = np.array([-10.0, 0.0, 0.0])
+    np.testing.assert_allclose(unseen(plane, place, 1.0), np.diag([0.0, 0.0, 1.0 / 3.0]), atol=1e-9)
+    across = np.array([[1.0, y, z] for y in np.arange(-0.2, 0.2, 0.01)
+                       for z in np.arange(-0.2, 0.2, 0.01)])  # fmt: skip
+    bundle = across / np.linalg.norm(across, axis=1, keepdims=True)
+    np.testing.assert_allclose(unseen(bundle, place, 1.0), 0.0, atol=0.02)
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_planes_that_turn_are_no_velocity(told: bool) -> None:
+    """The middle always seems to lie in a plane of rays that turns with S, until the next one."""
+    place, period, spacing = np.array([10.0, 0.0, 0.3]), 0.5, math.radians(15.0)
+    flown = None
+    for k in range(300):
+        turned = (AROUND.rate * k * period + 0.5 * spacing) % spacing - 0.5 * spacing
+        middle = place + np.linalg.norm(place) * np.array([0.0, math.sin(turned), 0.0])
+        gap = np.diag([0.0, 1.0 / 3.0, 0.0]) if told else np.zeros((3, 3))
+        if flown is None:
+            flown = first_seen(AROUND, middle, gap)
+        alike = AROUND.crossing(10.0) / period
+        flown = corrected(flown, AROUND, middle, 30, alike * gap)
+        flown = predicted(flown, AROUND, k * period, place / np.linalg.norm(place) ** 3, period)
+    assert flown is not None
+    off = np.linalg.norm(flown.mean[VELOCITY]) / flown.unsure
+    assert (off < 3.0) == told
 
 
 def state_of(place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
