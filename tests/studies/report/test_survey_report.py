@@ -15,7 +15,7 @@ def test_a_report_has_coverage_residuals_and_uncertainty(tmp_path: Path) -> None
     size = len(shape.vertices)
     surveyed = SimpleNamespace(
         figures={"covered": 0.987},
-        shape=shape,
+        made=SimpleNamespace(shape=shape),
         uncertainty=SimpleNamespace(
             counts=random.uniform(0.0, 50.0, size), deviations=np.ones(size)
         ),
