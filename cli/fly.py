@@ -28,7 +28,7 @@ from proxops.cli.common import (
     with_dispersions,
     work_bar,
 )
-from proxops.cli.survey import survey_rows
+from proxops.cli.survey import report_survey
 from proxops.diagrams.flight import WITH_BUNDLE, fly, mended_map_of_flight
 from proxops.diagrams.logs import (
     FlightLog,
@@ -154,13 +154,10 @@ def _begun(scenario: Scenario, controller: str | None, out: Path) -> tuple[Scena
         return scenario, controller or "mpc"
     # matplotlib is slow to import.
     from proxops.diagrams.surveys import begin_mission
-    from proxops.studies.report import write_survey_report
 
     with work_bar("surveying") as progress, compiling_told(progress):
         surveyed, after = begin_mission(scenario, load_body(scenario.body), out, progress)
-        title = f"Survey of {scenario.body}, seed {scenario.transit.seed}"
-        rows = survey_rows(surveyed.figures)
-        write_survey_report(out, title, surveyed, rows)
+        rows = report_survey(out, scenario, surveyed)
     for name, text in rows:
         status.print(f"{name}: {text}")
     return after, controller or "hybrid"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,8 +20,11 @@ from proxops.cli.common import (
     with_dispersions,
     work_bar,
 )
-from proxops.diagrams.scenario import SurveyConfig, load_body, load_scenario
+from proxops.diagrams.scenario import Scenario, SurveyConfig, load_body, load_scenario
 from proxops.systems.common import InputError, compiling_told
+
+if TYPE_CHECKING:
+    from proxops.diagrams.surveys import Surveyed
 
 
 def survey_command(
@@ -55,7 +58,6 @@ def survey_command(
     """
     # matplotlib is slow to import.
     from proxops.diagrams.surveys import run_survey
-    from proxops.studies.report import write_survey_report
 
     check_folder(out)
     wanted = load_scenario(scenario, with_dispersions(settings, dispersions))
@@ -71,20 +73,27 @@ def survey_command(
         raise InputError(f"--visits: {visits} is at {after.body}, not at {wanted.body}")
     with work_bar("surveying") as progress, compiling_told(progress):
         surveyed = run_survey(wanted, load_body(wanted.body), out, progress, after)
-        figures = surveyed.figures
-        title = f"Survey of {wanted.body}, seed {seed}"
-        write_survey_report(out, title, surveyed, survey_rows(figures))
+        rows = report_survey(out, wanted, surveyed)
     if as_json:
-        typer.echo(json.dumps(figures, indent=2))
+        typer.echo(json.dumps(surveyed.figures, indent=2))
     else:
-        print_rows(f"survey of {wanted.body}, seed {seed}", survey_rows(figures))
+        print_rows(f"survey of {wanted.body}, seed {seed}", rows)
     status.print(
         f"Wrote map.obj, body.yaml, expected.yaml, visit.yaml, survey.json and report.html in {out}"
     )
 
 
-def survey_rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
-    """The figures of `survey.json` as names and texts."""
+def report_survey(out: Path, scenario: Scenario, surveyed: Surveyed) -> list[tuple[str, str]]:
+    """Writes the report of a survey into a folder; gives its figures as names and texts."""
+    from proxops.studies.report import write_survey_report  # As above.
+
+    rows = _rows(surveyed.figures)
+    title = f"Survey of {scenario.body}, seed {scenario.transit.seed}"
+    write_survey_report(out, title, surveyed, rows)
+    return rows
+
+
+def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
     share = "{:.3%}".format
     return [
         ("map against the truth, rms over the size", share(figures["map_rms_of_size"])),

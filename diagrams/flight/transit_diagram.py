@@ -170,9 +170,9 @@ def diagram_of(
     add_accelerations(wiring, craft)
     attitude = add_attitude(wiring, craft)
     lidar = add_lidar(wiring, craft.GetOutputPort("position"), attitude)
-    touches = isinstance(scenario.task, TouchAndGoConfig)
-    touch = None
-    if isinstance(scenario.task, TouchAndGoConfig) and scenario.task.transit:
+    task, touch = scenario.task, None
+    touches = isinstance(task, TouchAndGoConfig)
+    if touches and task.transit:
         touch = make_touch_controller(world.belief, world.body)
     goal = np.concatenate([world.transit.goal, np.zeros(3)])
     target = wiring.add("target", _Target(goal)).get_output_port()

@@ -94,6 +94,10 @@ _PAGE = """
   const clock = s => [s / 3600, s / 60 % 60, s % 60]
     .map(part => String(Math.floor(part)).padStart(2, "0")).join(":");
 
+  function seek(time) {
+    animator.seek(time);
+    animator.display_progress(time);
+  }
   // As OrbitControls has it: y is up.
   function look(eye, target) {
     viewer.controls.target.set(...target);
@@ -127,10 +131,7 @@ _PAGE = """
     const button = document.createElement("button");
     button.textContent = name;
     button.style.marginRight = "6px";
-    button.onclick = () => {
-      animator.seek(time / flight.speed);
-      animator.display_progress(time / flight.speed);
-    };
+    button.onclick = () => seek(time / flight.speed);
     element("chapters").append(button);
   }
   viewer.dom_element.addEventListener("pointerdown", () => {
@@ -139,10 +140,7 @@ _PAGE = """
   });
 
   play.onclick = () => animator.playing ? animator.pause() : animator.play();
-  slider.oninput = () => {
-    animator.seek(slider.valueAsNumber);
-    animator.display_progress(slider.valueAsNumber);
-  };
+  slider.oninput = () => seek(slider.valueAsNumber);
   let lit = false;
   // The path shines a little, so that its colours differ in the shade too.
   function light() {

@@ -21,10 +21,10 @@ from proxops.diagrams.scenario import (
     dump_scenario,
     load_scenario,
 )
-from proxops.diagrams.surveys.survey_files import Surveyed, true_attitude
+from proxops.diagrams.surveys.survey_files import Surveyed, true_attitude, write_text
 from proxops.diagrams.surveys.survey_flight import around_of
 from proxops.diagrams.surveys.survey_run import run_survey
-from proxops.systems.common import InputError, Progress, part_of, silent, write_whole
+from proxops.systems.common import InputError, Progress, part_of, silent
 from proxops.systems.mapping import HIGHEST
 from proxops.systems.vehicle import STANDARD_GRAVITY, SunlightConfig, sun_direction
 
@@ -77,7 +77,7 @@ def begin_mission(
     surveyed = run_survey(surveying, body, folder, progress, visiting)
     text = f"# After the survey: to a place on its map.\n{dump_scenario(onward(surveyed))}"
     path = folder / "flight.yaml"
-    write_whole(path, lambda file: file.write_text(text, encoding="utf-8"))
+    write_text(path, text)
     return surveyed, load_scenario(path)
 
 

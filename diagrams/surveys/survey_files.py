@@ -249,10 +249,10 @@ def write_survey(
     make_folder(folder)
     save_mended_map(MendedMap(made.shape, MapError.known(made.table, 0.0)), folder / "map.obj")
     text = body_yaml(body.config, f"Surveyed by proxops: {len(found.returns.ranges)} returns")
-    _write(folder / "body.yaml", text)
+    write_text(folder / "body.yaml", text)
     entries = expected_entries(scenario, uncertainty, survey, made, body)
     remark = "# What the survey may be wrong about: dispersions, for assurance.bounds.\n"
-    _write(folder / "expected.yaml", remark + write_yaml(_plain(entries)))
+    write_text(folder / "expected.yaml", remark + write_yaml(_plain(entries)))
     placed = true_in(made, survey, flight.world)
     visit, true = visit_scenario(visits, flight, placed, body), placed.shape
     told = dc.replace(
@@ -261,7 +261,7 @@ def write_survey(
         relief_correlation_m=uncertainty.correlation,
     )
     visit.navigation = LidarNavigationConfig(map="map.obj", map_unit="km", expected=told)
-    _write(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_scenario(visit)}")
+    write_text(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_scenario(visit)}")
     content = mesh_bytes(true.vertices / _KM, true.facets, ".obj", "the truth of visit.yaml, km")
     write_whole(folder / "truth.obj", lambda path: path.write_bytes(content))
     errors = surface_errors(made.shape, true, uncertainty)
@@ -340,5 +340,6 @@ def _plain(value: object) -> object:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _write(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
+    """Writes a text into a file, whole or not at all."""
     write_whole(path, lambda file: file.write_text(text, encoding="utf-8"))

@@ -23,7 +23,6 @@ _SINGLE, _LEAST = 0.5, 0.02
 _GATE, _DOUBT = 3.0, 0.5
 # GM is at least this share of what is believed.
 _LIGHTEST = 0.3
-_NOTHING = np.zeros((3, 3))
 
 
 class Around(NamedTuple):
@@ -86,7 +85,7 @@ class Flown(NamedTuple):
         return math.sqrt(max(0.0, float(np.trace(self.covariance[VELOCITY, VELOCITY]))))
 
 
-def first_seen(around: Around, middle: Vector3, unseen: Matrix3 = _NOTHING) -> Flown:
+def first_seen(around: Around, middle: Vector3, unseen: Matrix3) -> Flown:
     """The start: a spacecraft at the place (3,) in m in N from the middle, of any velocity.
 
     `unseen` (3, 3) in m^2 in N says how far the middle may be off because no rays pass there.
@@ -104,9 +103,7 @@ def first_seen(around: Around, middle: Vector3, unseen: Matrix3 = _NOTHING) -> F
     return Flown(mean, covariance)
 
 
-def corrected(
-    flown: Flown, around: Around, middle: Vector3, count: int, unseen: Matrix3 = _NOTHING
-) -> Flown:
+def corrected(flown: Flown, around: Around, middle: Vector3, count: int, unseen: Matrix3) -> Flown:
     """Takes the middle (3,) in m in N that a frame shows by so many returns into account.
 
     `unseen` is as of `first_seen`, for all frames together in which that is alike.

@@ -105,10 +105,10 @@ def small_survey(seed: int) -> tuple[Returns, np.ndarray]:
     return returns, places
 
 
-def errors_of(seed: int, kinks: bool = True) -> np.ndarray:
+def errors_of(seed: int) -> np.ndarray:
     """Errors (3,) of pole and rate over their standard deviations."""
     returns, places = small_survey(seed)
-    burns = returns.burns(0.25 * SPACING).within(0.0, END if kinks else 0.0)
+    burns = returns.burns(0.25 * SPACING).within(0.0, END)
     path, ball = Path.between(0.0, END, SPACING, burns.times), sphere(3)
     tail = np.zeros(TAIL)
     tail[RATE], tail[GRAVITY] = SPIN, GM

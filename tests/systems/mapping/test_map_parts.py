@@ -133,11 +133,12 @@ def test_the_middle_of_an_ellipsoid(far: float) -> None:
     np.testing.assert_allclose(found, place, atol=0.02 + 0.25 / far)
 
 
+ALL_SEEN = np.zeros((3, 3))
 AROUND = Around(np.ones(3), 1.0, 0.1, 0.5, 2.6, 1.1, 1e-3, 1e-4, 5.0)
 
 
 def test_a_prediction_is_an_integration_and_its_covariance_its_derivatives() -> None:
-    flown = first_seen(AROUND, np.array([3.0, 1.0, 0.5]))
+    flown = first_seen(AROUND, np.array([3.0, 1.0, 0.5]), ALL_SEEN)
     mean = flown.mean.copy()
     mean[VELOCITY], mean[CONSTANT] = [0.1, 0.4, -0.2], [1e-3, 2e-3, -1e-3]
     flown, period = flown._replace(mean=mean), 0.02
@@ -171,10 +172,10 @@ def test_a_prediction_is_an_integration_and_its_covariance_its_derivatives() -> 
 def test_the_filter_finds_the_velocity_and_is_sure_of_no_more() -> None:
     random, period = np.random.default_rng(6), 0.05
     place, velocity = np.array([6.0, 0.0, 1.0]), np.array([-0.2, 0.3, 0.1])
-    flown = first_seen(AROUND, place)
+    flown = first_seen(AROUND, place, ALL_SEEN)
     for k in range(200):
         middle = place + 0.1 * random.standard_normal(3)
-        flown = corrected(flown, AROUND, middle, 30)
+        flown = corrected(flown, AROUND, middle, 30, ALL_SEEN)
         flown = predicted(flown, AROUND, k * period, np.zeros(3), period)
         for _ in range(10):
             place = place + 0.1 * period * velocity
@@ -203,7 +204,7 @@ def test_planes_that_turn_are_no_velocity(told: bool) -> None:
     for k in range(300):
         turned = (AROUND.rate * k * period + 0.5 * spacing) % spacing - 0.5 * spacing
         middle = place + np.linalg.norm(place) * np.array([0.0, math.sin(turned), 0.0])
-        gap = np.diag([0.0, 1.0 / 3.0, 0.0]) if told else np.zeros((3, 3))
+        gap = np.diag([0.0, 1.0 / 3.0, 0.0]) if told else ALL_SEEN
         if flown is None:
             flown = first_seen(AROUND, middle, gap)
         alike = AROUND.crossing(10.0) / period
