@@ -1,11 +1,11 @@
 """Touch-and-goes at Bennu by the product's own flights: `task: !TouchAndGo`, lidar navigation.
 
     python benchmarks/touch.py --flights 24
-    python benchmarks/touch.py --flights 10 --fail
+    python benchmarks/touch.py --flights 10 --failure frames
     python benchmarks/touch.py --scenario bennu_mission --dispersions mission --flights 10
 
-Each flies the scenario `bennu_touch_and_go` in a world of its own, drawn from `touch_and_go`. With
-`--fail`, one of its thrusters fails at a time that is drawn, too. A mission makes its map first.
+Each flies the scenario `bennu_touch_and_go` in a world of its own, drawn from `touch_and_go`, with
+one of `FAILURES` if it is asked for. A mission makes its map first.
 Run the command again to continue after an interruption: missions in `--out` are not flown twice.
 """
 
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from proxops.diagrams.scenario import (
     Scenario,
     load_body,
     load_scenario,
-    load_spacecraft,
+    with_site,
 )
 from proxops.diagrams.surveys import run_mission
 from proxops.systems.common import InputError, generator, write_json
@@ -53,8 +54,29 @@ FIGURES = {
     "survey_hours": ("in orbit (h)", 1.0),
     "survey_delta_v_m_s": ("delta-v, survey (m/s)", 1.0),
 }
-# The time in s within which a thruster fails: that of a flight.
-LATEST = 2000.0
+# What goes wrong besides, as rows of dispersions. Only GM is told: that it is known so badly.
+FAILURES = {
+    "thruster": """
+truth.rigid_body.failed_thruster: {uniform: [0, 15]}
+truth.rigid_body.failure_time_s: {uniform: [0.0, 2000.0]}
+""",
+    "frames": """
+truth.lidar.outage_steps: {fixed: 15}  # 60 s
+truth.lidar.outage_from_step: {uniform: [0, 450]}
+""",
+    "boulder": """
+truth.boulders.lone_m: {fixed: 2.0}
+""",
+    "gravity": """
+truth.gravity: {uniform: [0.7, 1.3]}
+""",
+    "soft": """
+truth.ground.modulus_pa: {log_uniform: [2.0e+3, 1.0e+5]}
+truth.ground.friction: {uniform: [0.1, 1.0]}
+""",
+}
+# How far beside the site the boulder's middle is, in m, at most, along each axis.
+BESIDE = 1.0
 
 
 def main() -> None:
@@ -64,26 +86,32 @@ def main() -> None:
     parser.add_argument("--dispersions", default="touch_and_go")
     parser.add_argument("--flights", type=int, default=24)
     parser.add_argument("--seed", type=int, default=10000)
-    parser.add_argument("--fail", action="store_true", help="a thruster fails in each flight")
+    parser.add_argument("--failure", choices=FAILURES, help="what goes wrong in each flight")
     parser.add_argument("--out", type=Path, default=Path("out/missions"), help="of missions")
     parser.add_argument("--set", action="append", default=[], help="KEY=VALUE of the scenario")
     parser.add_argument("--minutes", type=float, default=np.inf, help="no new flight after it")
     asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "failures.yaml")
+        path.write_text(f"based_on: {asked.dispersions}\n{FAILURES.get(asked.failure, '')}")
+        fly_all(asked, str(path))
+
+
+def fly_all(asked: argparse.Namespace, dispersions: str) -> None:
+    """Flies all that is asked for, in worlds of dispersions."""
     scenario = load_scenario(
-        asked.scenario, [f"dispersions={asked.dispersions}", "log_ranges=false", *asked.set]
+        asked.scenario, [f"dispersions={dispersions}", "log_ranges=false", *asked.set]
     )
     body, began, found = load_body(scenario.body), time.process_time(), []
-    thrusters = load_spacecraft(scenario.spacecraft.model).thrusters.count
     is_mission = isinstance(scenario.task, MissionConfig)
     for index in range(asked.flights):
         if time.process_time() - began > 60.0 * asked.minutes:
             break
         scenario.transit.seed, scenario.transit.index = asked.seed, index
-        failure = scenario.truth.rigid_body
-        if asked.fail:
-            random = generator(asked.seed, index, 4)
-            failure.failed_thruster = int(random.integers(thrusters))
-            failure.failure_time_s = float(random.uniform(0.0, LATEST))
+        if asked.failure == "boulder":
+            site = np.array(with_site(scenario, body).task.site)
+            beside = generator(asked.seed, index, 4).uniform(-BESIDE, BESIDE, 3)
+            scenario.truth.boulders.lone_at_m = (site + beside).tolist()
         try:
             if is_mission:
                 summary = flown_mission(scenario, body, asked.out / f"{asked.seed}-{index}")
@@ -97,12 +125,7 @@ def main() -> None:
         told = "safe" if summary["safe"] else "NOT SAFE"
         parts = f"{summary['touch_parts_force_n']:.3g} N on bus and panels"
         aborts = f"aborts {summary['touch_aborts']}"
-        failed = ""
-        if asked.fail:
-            failed = f"thruster {failure.failed_thruster} at {failure.failure_time_s:.0f} s, "
-        print(
-            f"flight {index}: {failed}{told}, {parts}, {aborts}, {', '.join(figures)}", flush=True
-        )
+        print(f"flight {index}: {told}, {parts}, {aborts}, {', '.join(figures)}", flush=True)
     _print(found)
     spent = (time.process_time() - began) / max(len(found), 1)
     print(f"seed {asked.seed}: {spent:.0f} s of processor a flight")

@@ -127,10 +127,15 @@ class TouchMotion:
         context = simulator.get_mutable_context()
         true_body = self._world.true_body
         place = self._state(context)[4:7].copy()
-        ground = patch_of(true_body.shape, place, _PATCH)
+        patch = patch_of(true_body.shape, place, _PATCH)
         craft = self.craft._replace(mass=float(self._state(context)[-1]))
         plant = make_contact_plant(
-            ground, true_body.gravity_field, true_body.spin, craft, step=_STEP
+            patch,
+            true_body.gravity_field,
+            true_body.spin,
+            craft,
+            self._world.scenario.truth.ground,
+            step=_STEP,
         )
         contact = Simulator(plant)
         self._place(plant, contact, context)

@@ -25,6 +25,7 @@ from proxops.systems.lidar import LearnedLidarConfig, LidarConfig, LidarGeometry
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.policy import PolicyConfig
 from proxops.systems.shapes import BouldersConfig
+from proxops.systems.touch import Ground
 from proxops.systems.vehicle import (
     ArrivalConfig,
     ForceNoiseConfig,
@@ -120,6 +121,8 @@ class TruthConfig:
     specific_impulse_s: float | None = number(None, at_least=1e-3, at_most=1e9, unit="s")
     acceleration: TrueAccelerationConfig = dc.field(default_factory=TrueAccelerationConfig)
     rigid_body: TrueRigidBodyConfig = dc.field(default_factory=TrueRigidBodyConfig)
+    # What a touch-and-go meets.
+    ground: Ground = dc.field(default_factory=Ground)
 
 
 @config

@@ -24,6 +24,7 @@ from proxops.systems.shapes import (
     ellipsoidal_norms,
     registered,
     with_boulders,
+    with_lone_boulder,
 )
 
 # A mesh whose size differs from the map's by more than this share of the map's is a mistake, unless
@@ -103,9 +104,12 @@ def _table_of(shape: Polyhedron, mass: float, axes: tuple[float, ...]) -> Tabula
 
 def _rocky(shape: Polyhedron, boulders: BouldersConfig) -> Polyhedron:
     """The shape with boulders and craters, if there are any."""
-    if not (boulders.widest_m or boulders.crater_widest_m):
-        return shape
-    return _with_boulders(shape, *dc.astuple(boulders))
+    if boulders.widest_m or boulders.crater_widest_m:
+        field = dc.replace(boulders, lone_at_m=())  # Hashable.
+        shape = _with_boulders(shape, *dc.astuple(field))
+    if boulders.lone_m:
+        shape = with_lone_boulder(shape, boulders.lone_m, np.array(boulders.lone_at_m))
+    return shape
 
 
 @functools.lru_cache(maxsize=4)

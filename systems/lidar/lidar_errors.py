@@ -48,6 +48,9 @@ class TrueLidarConfig:
     beam_width_rad: float = number(0.0, at_least=0.0, at_most=0.1, unit="rad")
     # Probability that a whole frame is lost.
     frame_loss: float = number(0.0, at_least=0.0, at_most=1.0)
+    # So many frames in a row are lost, from this control step on.
+    outage_steps: int = number(0, at_least=0, at_most=1_000_000)
+    outage_from_step: int = number(0, at_least=0, at_most=1_000_000)
     # Control steps from measuring a frame to having it.
     latency_steps: int = number(0, at_least=0, at_most=1000)
 
@@ -61,6 +64,7 @@ class TrueLidarConfig:
             false_returns=self.false_returns,
             beam_width=self.beam_width_rad,
             frame_loss=self.frame_loss,
+            outage=(self.outage_from_step, self.outage_from_step + self.outage_steps),
         )
 
 
@@ -79,6 +83,8 @@ class LidarErrors:
     false_returns: float = 0.0
     beam_width: float = 0.0
     frame_loss: float = 0.0
+    outage: tuple[int, int] = (0, 0)
+    """Frames of this step and on, and before that one, are lost."""
 
     def __post_init__(self) -> None:
         """Raises `InputError` for errors that no lidar has."""
@@ -169,6 +175,8 @@ def received_ranges(
       errors: those of the ranges; seed and step of their random numbers follow.
     """
     ranges = np.full(count, np.inf)
+    if errors.outage[0] <= step < errors.outage[1]:
+        return ranges
     chance = errors.frame_loss
     if chance > 0.0 and generator(seed, step, FRAME_LOSS_STREAM).random() < chance:
         return ranges

@@ -11,7 +11,13 @@ A new check of meshes belongs in `mesh_checks`, a new repair in `mesh_repair`.
 """
 
 from proxops.systems.shapes._text_meshes import LONGITUDES
-from proxops.systems.shapes.boulders import HEIGHT, BouldersConfig, relief_of, with_boulders
+from proxops.systems.shapes.boulders import (
+    HEIGHT,
+    BouldersConfig,
+    relief_of,
+    with_boulders,
+    with_lone_boulder,
+)
 from proxops.systems.shapes.displacement import displaced, rigid_motions, vertex_normals
 from proxops.systems.shapes.ellipsoid import (
     blocks_segment,
@@ -92,4 +98,5 @@ __all__ = [
     "tangent_half_spaces",
     "vertex_normals",
     "with_boulders",
+    "with_lone_boulder",
 ]

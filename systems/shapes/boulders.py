@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
+import trimesh
 from scipy.spatial import KDTree
 
-from proxops.systems.common import FAR, InputError, Values, config, generator, number, one_thread
+from proxops.systems.common import (
+    FAR,
+    InputError,
+    Values,
+    Vector3,
+    config,
+    generator,
+    number,
+    one_thread,
+    vector,
+)
 from proxops.systems.shapes.displacement import vertex_normals
+from proxops.systems.shapes.mesh_repair import united
 from proxops.systems.shapes.polyhedron import Polyhedron
+from proxops.systems.shapes.ray_casting import ray_caster
 
 HEIGHT, DEPTH = 0.4, 0.1
 """Height of a boulder and depth of a crater, over its width: judgement. Boulders of Ryugu are some
@@ -15,6 +28,8 @@ HEIGHT, DEPTH = 0.4, 0.1
 # A form is this many edges of the mesh wide, at least; and the most facets of a mesh.
 _EDGES, _MOST_FACETS = 2.0, 100_000
 _MOST_FORMS = 1_000_000
+# How often an icosahedron is divided to stand for a ball: 320 facets.
+_BALL = 2
 # The correlation length over the width: half of a form's height is left there.
 _LIKE = 0.35
 
@@ -38,6 +53,10 @@ class BouldersConfig:
     narrowest_m: float = number(3e3, at_least=1e-3, at_most=FAR, unit="m")
     # Of the places.
     seed: int = number(0, at_least=0, at_most=2**53 - 1)
+    # One more boulder, a ball of this width; 0: there is none. It lies on the surface in the
+    # direction of a position, as seen from the origin of K, and may be narrower than a facet.
+    lone_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
+    lone_at_m: list[float] = vector([0.0, 0.0, 0.0], at_least=-FAR, at_most=FAR, unit="m")
 
 
 def widths(widest: float, narrowest: float, index: float) -> Values:
@@ -113,6 +132,29 @@ def with_boulders(shape: Polyhedron, boulders: BouldersConfig) -> Polyhedron:
             heights[near] = np.where(np.abs(own) > np.abs(heights[near]), own, heights[near])
     heights -= weights @ heights / weights.sum()
     return Polyhedron(fine.vertices + heights[:, None] * normals, fine.facets, shape.name)
+
+
+def with_lone_boulder(shape: Polyhedron, width: float, towards: Vector3) -> Polyhedron:
+    """The shape with a ball on it, which sticks out by `HEIGHT` of its width.
+
+    Args:
+      shape: of the surface. width: of the ball in m.
+      towards: (3,) in m: it lies on the outermost surface in this direction from the origin.
+
+    Raises:
+      InputError: there is no direction, or no surface in it.
+    """
+    length = float(np.linalg.norm(towards))
+    out = np.asarray(towards) / (length or 1.0)
+    far = 2.0 * float(np.linalg.norm(shape.vertices, axis=1).max())
+    met = ray_caster(shape).first_hits((far * out)[None], -out[None])
+    if not length or met.facets[0] < 0:
+        raise InputError(f"truth.boulders.lone_at_m: {shape.name} has no surface in this direction")
+    normal = shape.normals[met.facets[0]]
+    middle = (far - met.distances[0]) * out + (HEIGHT - 0.5) * width * normal
+    ball = trimesh.creation.icosphere(_BALL, 0.5 * width)
+    parts = [(shape.vertices, shape.facets), (ball.vertices + middle, ball.faces)]
+    return Polyhedron(*united(parts), shape.name)
 
 
 def _finer(shape: Polyhedron, edge: float) -> Polyhedron:

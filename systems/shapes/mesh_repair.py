@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -354,23 +355,29 @@ def _join_shells(mesh: Repair, cuts: np.ndarray) -> bool:
     six = np.bincount(labels, six_volumes(mesh.vertices, mesh.facets), count)
     if (labels[cuts[:, 0]] == labels[cuts[:, 1]]).any() or (six < 0.0).any():
         return False
-    import manifold3d  # Only here.
-
     before = six.sum() / 6.0
-    vertices = np.ascontiguousarray(mesh.vertices)
-    parts = [mesh.facets[labels == k].astype(np.uint64) for k in range(count)]
-    joined = manifold3d.Manifold.batch_boolean(
-        [manifold3d.Manifold(manifold3d.Mesh64(vertices, part)) for part in parts],
-        manifold3d.OpType.Add,
-    ).to_mesh64()
-    mesh.vertices = np.array(joined.vert_properties[:, :3])
-    mesh.facets = np.array(joined.tri_verts, dtype=np.int64)
+    parts = [(mesh.vertices, mesh.facets[labels == k]) for k in range(count)]
+    mesh.vertices, mesh.facets = united(parts)
     twice = before - six_volumes(mesh.vertices, mesh.facets).sum() / 6.0
     mesh.actions.append(
         f"joined {count} shells that overlap: {100 * twice / before:.3g} % of their volumes were "
         "counted twice"
     )
     return True
+
+
+def united(solids: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) and facets (F, 3) of what at least one of some closed meshes holds."""
+    import manifold3d  # Only here.
+
+    parts = [
+        manifold3d.Mesh64(np.array(vertices, order="C"), np.array(facets, dtype=np.uint64))
+        for vertices, facets in solids
+    ]
+    joined = manifold3d.Manifold.batch_boolean(
+        [manifold3d.Manifold(part) for part in parts], manifold3d.OpType.Add
+    ).to_mesh64()
+    return np.array(joined.vert_properties[:, :3]), np.array(joined.tri_verts, dtype=np.int64)
 
 
 def _drop_vertices(mesh: Repair) -> None:

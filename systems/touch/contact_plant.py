@@ -57,7 +57,9 @@ from proxops.systems.common import (
     Vector3,
     check_inertia,
     check_positive,
+    config,
     kernel,
+    number,
     rotation_matrix,
 )
 from proxops.systems.gravity import Field
@@ -98,15 +100,21 @@ class TouchCraft(NamedTuple):
     """Boxes along S's axes that may touch, by name: middle and edges (3,) in m."""
 
 
-class Ground(NamedTuple):
-    """How the ground and the head give way and rub."""
+@config
+class Ground:
+    """How the ground and the head give way and rub. Judgement.
 
-    friction: float = 0.5
-    """Coulomb's coefficient."""
-    modulus: float = 1e5
-    """Pa: the hydroelastic modulus of head and parts; the ground is rigid."""
-    dissipation: float = 1.0
-    """s/m: of Hunt and Crossley."""
+    In contact the ground is rigid, and what gives way is a layer about head and parts: so it stands
+    for soft ground, too, as far as the head sinks in by less than its radius.
+    """
+
+    # Coulomb's coefficient.
+    friction: float = number(0.5, at_least=0.0, at_most=10.0)
+    # Hydroelastic modulus. A head of 16 cm at 10 cm/s with 1,300 kg sinks in by 2 cm at 1e5 Pa, and
+    # by 12 cm at 2e3 Pa.
+    modulus_pa: float = number(1e5, at_least=2e3, at_most=1e9, unit="Pa")
+    # Dissipation of Hunt and Crossley.
+    dissipation_s_m: float = number(1.0, at_least=0.0, at_most=1e3, unit="s/m")
 
 
 def patch_of(shape: Surface, position: Vector3, radius: float) -> Surface:
@@ -219,7 +227,7 @@ def place_craft(
 def _material(ground: Ground) -> ProximityProperties:
     properties = ProximityProperties()
     friction = CoulombFriction(ground.friction, ground.friction)
-    AddContactMaterial(dissipation=ground.dissipation, friction=friction, properties=properties)
+    AddContactMaterial(dissipation=ground.dissipation_s_m, friction=friction, properties=properties)
     return properties
 
 
@@ -277,7 +285,7 @@ def _register(
     properties = _material(ground)
     # Drake makes polyhedra of balls: 0.3 % within them at this resolution. Of boxes it needs none.
     size = _RESOLUTION * shape.radius() if isinstance(shape, Sphere) else 1.0
-    AddCompliantHydroelasticProperties(size, ground.modulus, properties)
+    AddCompliantHydroelasticProperties(size, ground.modulus_pa, properties)
     plant.RegisterCollisionGeometry(body, RigidTransform(place), shape, name, properties)
 
 

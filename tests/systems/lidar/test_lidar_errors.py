@@ -1,5 +1,6 @@
 """Each of the lidar's options alone, all of them together, and the rays they are cast with."""
 
+import dataclasses as dc
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from one_system import context_of, evaluated
 from scipy import stats
 
 from proxops.systems import Lidar, LidarGeometry, Polyhedron, RayCaster, ray_directions
-from proxops.systems.lidar.lidar_errors import LidarErrors, false_ranges
+from proxops.systems.lidar.lidar_errors import LidarErrors, TrueLidarConfig, false_ranges
 
 POSITION = np.array([10e3, 30e3, 25e3])
 ALL: dict[str, Any] = {
@@ -110,6 +111,16 @@ def test_whole_frames_are_lost_by_chance(kleopatra: Polyhedron) -> None:
     other = np.isinf(lossy.frames(times[:200], places[:200], 4)).all(axis=(1, 2))
     assert not np.array_equal(other, lost[:200])
     assert np.isinf(frame(Lidar(kleopatra, LidarErrors(false_returns=1.0, frame_loss=1.0)))).all()
+
+
+def test_an_outage_loses_the_frames_of_its_steps(kleopatra: Polyhedron) -> None:
+    few, times = LidarGeometry(2, 60), 10.0 * np.arange(8)
+    places, whole = np.tile(POSITION, (8, 1)), LidarErrors(50.0, false_returns=0.05)
+    kept = Lidar(kleopatra, whole, few).frames(times, places, 3)
+    frames = Lidar(kleopatra, dc.replace(whole, outage=(2, 5)), few).frames(times, places, 3)
+    assert np.isinf(frames[2:5]).all()
+    assert np.array_equal(np.delete(frames, [2, 3, 4], 0), np.delete(kept, [2, 3, 4], 0))
+    assert TrueLidarConfig(outage_steps=3, outage_from_step=2).errors(50.0).outage == (2, 5)
 
 
 @pytest.mark.parametrize(("planes", "rays"), [(1, 1), (3, 7), (24, 720)])

@@ -7,7 +7,15 @@ import pytest
 import trimesh
 
 from proxops.systems.common import InputError
-from proxops.systems.shapes import BouldersConfig, Polyhedron, relief_of, with_boulders
+from proxops.systems.shapes import (
+    BouldersConfig,
+    Polyhedron,
+    find_defects,
+    ray_caster,
+    relief_of,
+    with_boulders,
+    with_lone_boulder,
+)
 from proxops.systems.shapes.boulders import DEPTH, HEIGHT, widths
 
 BALL = Polyhedron.from_trimesh(trimesh.creation.icosphere(4, 500.0), "m")
@@ -58,3 +66,20 @@ def test_seeds_place_them_elsewhere() -> None:
 def test_too_narrow_ones_are_refused() -> None:
     with pytest.raises(InputError, match=r"narrowest_m is too narrow .* take at least [\d.]+ m"):
         with_boulders(BALL, BouldersConfig(widest_m=10.0, narrowest_m=1.0))
+
+
+def test_a_lone_boulder_lies_where_it_is_asked_for() -> None:
+    """A ball of 2 m on a mesh of facets of 30 m: closed, and as high as its law says."""
+    way = np.array([1.0, 2.0, -1.0]) / np.sqrt(6.0)
+    found = with_lone_boulder(BALL, 2.0, 7.0 * way)
+    assert find_defects(found.vertices, found.facets) == []
+    before, after = (
+        1000.0 - ray_caster(each).distances(1000.0 * way[None], -way[None])[0]
+        for each in (BALL, found)
+    )
+    assert after - before == pytest.approx(HEIGHT * 2.0, rel=0.05)
+    # What the ground does not hold of the ball: a cap 0.8 m high.
+    cap = np.pi * 0.8**2 * (3.0 * 1.0 - 0.8) / 3.0
+    assert found.volume - BALL.volume == pytest.approx(cap, rel=0.1)
+    with pytest.raises(InputError, match=r"lone_at_m: .* has no surface"):
+        with_lone_boulder(BALL, 2.0, np.zeros(3))

@@ -58,7 +58,7 @@ def rows(diagram: Diagram, simulator: Simulator, until: float, *ports: str) -> l
 @pytest.mark.parametrize("damping", [0.0, 200.0])
 def test_a_mass_on_a_damped_spring(damping: float) -> None:
     """The bus, of 1,000 kg, on the arm, while the light head stays on hard ground."""
-    stiff = Ground(modulus=1e7)
+    stiff = Ground(modulus_pa=1e7)
     diagram = make_contact_plant(flat(), EvenField(), 0.0, craft(damping=damping), stiff)
     simulator, _ = started(diagram, [0, 0, 3.16, 0, 0, -0.1])
     state, arm, force = rows(diagram, simulator, 4.0, "state", "arm", "contact_force")
@@ -104,7 +104,7 @@ def test_a_sphere_on_a_ramp(tilt: float, rolls: bool) -> None:
     ball = TouchCraft(mass, inertia * np.eye(3), arm)
     angle = np.radians(tilt)
     field = EvenField([pull * np.sin(angle), 0.0, -pull * np.cos(angle)])
-    ground = Ground(friction=friction, modulus=1e5)
+    ground = Ground(friction=friction, modulus_pa=1e5)
     diagram = make_contact_plant(flat(), field, 0.0, ball, ground)
     simulator, context = started(diagram, [0, 0, radius - 1e-4, 0, 0, 0])
     found = []
