@@ -44,6 +44,8 @@ _SPEED_UNIT = 0.01
 # The program is solved again with the limits that its plan breaks by more than this, in m and cm/s.
 _BROKEN = 1e-6
 _SIDES = 8
+# The shortest plan, over the time in which the speed of contact is approached.
+_SHORTEST = 4.0
 
 
 class TouchPhase(IntEnum):
@@ -185,7 +187,12 @@ class DescentGuidance:
         if leg is TouchPhase.TERMINAL:
             return self.steady_force(time, state, -self.descent.speed_m_s)
         left = self._ends[leg - TouchPhase.CHECKPOINT] - elapsed
-        return self.plan(state, self.target(leg), left, time)[0]
+        target = self.target(leg)
+        # Shortly before the end the plan goes on beyond it: else centimetres would be mended by
+        # velocities that are too great for the gate.
+        beyond = max(_SHORTEST * self.descent.settling_s - left, 0.0)
+        target[:3] += beyond * target[3:]
+        return self.plan(state, target, left + beyond, time)[0]
 
     def steady_force(self, time: float, state: State, speed: float) -> Vector3:
         """The force (3,) in N that takes on a speed in m/s along the normal.
