@@ -115,6 +115,7 @@ def test_a_thruster_that_fails_is_found_and_flown_without():
     assert log.summary["success"]
     assert np.flatnonzero(log.dataset["failed_thrusters"].values[-1]).tolist() == [2]
     assert log.summary["lost_directions"] == ["-x"]
+    assert 0.0 <= log.summary["failure_found_after_s"] <= 30.0
     # It turned, so that nobody asks for that.
     turned = log.dataset["reference_attitude"].values
     assert np.degrees(pointing_error(turned[-1], turned[0])) > 20.0
