@@ -31,7 +31,14 @@ from proxops.diagrams.flight.world import (
     received,
     without_moons,
 )
-from proxops.diagrams.meshcat import LiveView, RigidView, Scene, prepare_live_view
+from proxops.diagrams.meshcat import (
+    LiveView,
+    RigidView,
+    Scene,
+    add_site,
+    part_shown,
+    prepare_live_view,
+)
 from proxops.diagrams.scenario import Body, Scenario, TouchAndGoConfig, TrueBody, World
 from proxops.systems import DelayedHold, InputError, PlanarLidar, RigidSpacecraft
 from proxops.systems.common import offers_of
@@ -248,12 +255,13 @@ def _add_view(
         navigation = wiring.builder.GetSubsystemByName("navigation")
         for name in ("state", "covariance", "return_use"):
             seen[f"navigation_{name}"] = navigation.GetOutputPort(name)
-    scene = Scene(meshcat, wiring.world.body, wiring.world.true_body)
-    scenario, rigid = wiring.scenario, None
+    world, scenario, rigid = wiring.world, wiring.scenario, None
+    scene = Scene(meshcat, world.body, world.true_body, part_shown(scenario))
     if scenario.is_rigid:
         rigid = RigidView(scene, scenario)
         seen |= {name: wiring.logged[name] for name in ("attitude", "on_times")}
     limit, period = scenario.spacecraft.thrust_limit_n, scenario.control_period_s
     view = LiveView(scene, lidar, limit, period, "plan" in seen, navigated, rigid)
-    prepare_live_view(view, wiring.world.transit)
+    prepare_live_view(view, world.transit)
+    add_site(scene, scenario)
     wiring.add("live_view", view, **seen)

@@ -13,6 +13,7 @@ from proxops.diagrams.meshcat.notebook_view import show_body, show_flight, show_
 from proxops.diagrams.meshcat.path_scene import paths_page
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
 from proxops.diagrams.meshcat.rigid_scene import RigidView
+from proxops.diagrams.meshcat.site_scene import add_site, part_shown
 
 __all__ = [
     "PLAYBACK_SPEED",
@@ -20,6 +21,8 @@ __all__ = [
     "RigidView",
     "Scene",
     "add_flight",
+    "add_site",
+    "part_shown",
     "paths_page",
     "prepare_live_view",
     "show_body",

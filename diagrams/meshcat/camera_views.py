@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.diagrams.meshcat.meshcat_scene import FIELD_OF_VIEW, Scene
-from proxops.diagrams.scenario import Body
 from proxops.systems.common import Vector3, Vectors3, directions_of
 from proxops.systems.shapes import blocks_segment
 
@@ -28,10 +27,13 @@ class View(NamedTuple):
     """The point (3,) at which it looks, in m in K."""
 
 
-def viewpoints(body: Body, points: Vectors3) -> dict[str, View]:
-    """Gives views that contain the body and `points` (N, 3), in m in K, by name, the best first."""
-    azimuth = _best_azimuth(body, points)
-    everything = _everything(body, points)
+def viewpoints(scene: Scene, points: Vectors3) -> dict[str, View]:
+    """Gives views that contain the body and `points` (N, 3), in m in K, by name, the best first.
+
+    Those of a scene that shows a part of the body contain the points alone.
+    """
+    azimuth = _best_azimuth(scene, points)
+    everything = _everything(scene, points)
     return {
         "overview": _view(everything, azimuth, _ELEVATION),
         "above": _view(everything, azimuth, _ABOVE),
@@ -40,9 +42,9 @@ def viewpoints(body: Body, points: Vectors3) -> dict[str, View]:
 
 
 def look_at_flight(scene: Scene, points: Vectors3) -> None:
-    """Sets camera and sun so that the body and `points` (N, 3), in m in K, are visible and lit."""
-    azimuth = _best_azimuth(scene.body, points)
-    view = _view(_everything(scene.body, points), azimuth, _ELEVATION)
+    """Sets camera and sun so that what `viewpoints` contain is visible and lit."""
+    azimuth = _best_azimuth(scene, points)
+    view = _view(_everything(scene, points), azimuth, _ELEVATION)
     scene.meshcat.SetCameraPose(view.eye / scene.unit, view.target / scene.unit)
     # The sun stands to the side and above, so that the relief is visible.
     light_from(scene, _towards(azimuth + 30.0, 38.0))
@@ -54,14 +56,14 @@ def light_from(scene: Scene, direction: Vector3, shown: float | None = None) -> 
     scene.meshcat.SetProperty("/Lights/FillLight/<object>", "position", place, shown)
 
 
-def _best_azimuth(body: Body, points: np.ndarray) -> float:
+def _best_azimuth(scene: Scene, points: np.ndarray) -> float:
     """Gives the best azimuth of the camera, in degrees.
 
     It tries a ring of directions. From the best one, the body hides few of the points, the points
     are spread widely, and most of them are on the near side.
     """
-    half = body.shape.extents / 2.0
-    everything = _everything(body, points)
+    half = scene.body.shape.extents / 2.0
+    everything = _everything(scene, points)
     centre = _middle(everything)
     radius = float(np.linalg.norm(everything - centre, axis=1).max())
     sample = points[:: max(1, len(points) // 40)]
@@ -92,8 +94,8 @@ def _view(everything: np.ndarray, azimuth: float, elevation: float) -> View:
     return View(centre + (needed + offsets @ direction).max() * direction, centre)
 
 
-def _everything(body: Body, points: np.ndarray) -> np.ndarray:
-    return np.vstack([points, body.shape.vertices])
+def _everything(scene: Scene, points: np.ndarray) -> np.ndarray:
+    return points if scene.near else np.vstack([points, scene.body.shape.vertices])
 
 
 def _middle(points: np.ndarray) -> np.ndarray:

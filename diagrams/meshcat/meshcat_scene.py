@@ -66,11 +66,13 @@ class Scene:
     """The body as believed."""
     true_body: TrueBody | None = None
     """The body as it is; None: as believed."""
+    near: float | None = None
+    """How large the part of the body is that is shown, in m; None: all of it."""
 
     @cached_property
     def unit(self) -> float:
-        """Metres per Meshcat unit: half the body's greatest extent, rounded to one digit."""
-        return float(f"{self.body.shape.extents.max() / 2.0:.0e}")
+        """Metres per Meshcat unit: half of what is shown, rounded to one digit."""
+        return float(f"{(self.near or self.body.shape.extents.max()) / 2.0:.0e}")
 
     def pose(self, position: Vector3) -> RigidTransform:
         """Gives the pose, in Meshcat units, at a position (3,) in m."""

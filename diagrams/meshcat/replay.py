@@ -40,6 +40,7 @@ from proxops.diagrams.meshcat.navigation_scene import (
 )
 from proxops.diagrams.meshcat.replay_panel import panel
 from proxops.diagrams.meshcat.rigid_scene import RigidView, record_flight
+from proxops.diagrams.meshcat.site_scene import add_site, part_shown
 from proxops.systems.common import Vectors3, write_whole
 
 # Greatest number of lidar frames that a replay shows.
@@ -68,8 +69,8 @@ def replay_page(log: FlightLog, addition: str = "") -> str:
     meshcat = quiet_meshcat()
     add_flight(meshcat, log)
     title = f"{log.body.config.name}, {log.dataset.attrs['controller']}"
-    views = viewpoints(log.body, _shown(log))
-    below = panel(log, title, views, Scene(meshcat, log.body).unit)
+    scene = Scene(meshcat, log.body, near=part_shown(log.scenario))
+    below = panel(log, title, viewpoints(scene, _shown(log)), scene.unit)
     return page_with(meshcat, title, below + addition)
 
 
@@ -79,11 +80,12 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     times, positions = data["time"].values, data["state"].values[:, :3]
     goal = data["target"].values[-1, :3]
     # An earlier flight or the live view left them.
-    for leftover in ("/path", "/lidar", "/plan", "/navigation", "/spacecraft"):
+    for leftover in ("/path", "/lidar", "/plan", "/navigation", "/spacecraft", "/site"):
         meshcat.Delete(leftover)
-    scene = Scene(meshcat, log.body, log.differing_body)
+    scene = Scene(meshcat, log.body, log.differing_body, part_shown(log.scenario))
     prepare_scene(scene)
     add_goal(scene, goal)
+    add_site(scene, log.scenario)
     rigid = RigidView(scene, log.scenario) if log.scenario.is_rigid else None
     legend = legend_of(data)
     colours = [legend[who].colour for who in flown_by(data).tolist()]

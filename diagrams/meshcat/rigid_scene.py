@@ -27,6 +27,8 @@ from proxops.diagrams.scenario import (
     RigidBodyConfig,
     Scenario,
     Solid,
+    TouchAndGoConfig,
+    arm_solids,
     load_spacecraft,
     solids_of,
 )
@@ -53,6 +55,8 @@ class RigidView:
         self._scene, self._period = scene, scenario.attitude_period_s
         model = load_spacecraft(settings.model)
         self.thrusters, self._solids = model.thrusters, solids_of(model)
+        if isinstance(scenario.task, TouchAndGoConfig):
+            self._solids = [*self._solids, *arm_solids(scenario.task)]
         self._failure = scenario.truth.rigid_body
         boresight = np.array(settings.pointing.boresight)
         self._boresight = boresight / np.linalg.norm(boresight)

@@ -51,6 +51,7 @@ from proxops.diagrams.scenario.tasks import (
     TouchAndGoConfig,
 )
 from proxops.diagrams.scenario.touchable import (
+    arm_solids,
     place_of,
     site_world,
     touch_arm,
@@ -132,6 +133,7 @@ __all__ = [
     "UnflyableWorldError",
     "WeightedCostConfig",
     "World",
+    "arm_solids",
     "believed",
     "change_scenario",
     "check_constants",

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import typing
 from collections.abc import Sequence
 
 import numpy as np
+from pydrake.geometry import Cylinder, Sphere
+from pydrake.math import RigidTransform
 
 from proxops.diagrams.scenario.body import Body, apparent_gravity
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, SpacecraftModel
-from proxops.diagrams.scenario.spacecraft_solids import solids_of
+from proxops.diagrams.scenario.spacecraft_solids import CORNERS, Solid, solids_of
 from proxops.diagrams.scenario.tasks import TouchAndGoConfig
 from proxops.systems.attitude import AttitudeGuidanceConfig
 from proxops.systems.common import InputError, Vector3, Vectors3, generator, rotation_matrix
@@ -40,6 +43,8 @@ _OFF = 1.0
 # The arm's direction in S. It points at a place so deep, in m, that where the spacecraft is does
 # not turn it.
 _DOWN, _DEEP = (0.0, 0.0, -1.0), 1e6
+# Radius in m of the rod as which the arm is drawn, along _DOWN.
+_ROD = 0.05
 
 
 def touch_map(scenario: Scenario, body: Body, limits: SiteLimits) -> tuple[Sites, np.ndarray]:
@@ -163,6 +168,18 @@ def touch_arm(task: TouchAndGoConfig) -> Arm:
     """The arm of a touch-and-go."""
     down = np.array(_DOWN)
     return Arm((task.arm_m - Arm._field_defaults["head_radius"]) * down, down)
+
+
+def arm_solids(task: TouchAndGoConfig) -> list[Solid]:
+    """What an arm looks like: a rod from the centre of mass, and the head."""
+    arm = touch_arm(task)
+    middle: typing.Any = 0.5 * np.array(arm.place)
+    end: typing.Any = np.array(arm.place)
+    rod, high = Cylinder(_ROD, float(np.linalg.norm(end))), arm.head_radius
+    return [
+        Solid(shape, RigidTransform(place), place + size * CORNERS, None)
+        for shape, place, size in ((rod, middle, np.abs(middle) + _ROD), (Sphere(high), end, high))
+    ]
 
 
 def site_world(scenario: Scenario, body: Body) -> SiteWorld:

@@ -28,6 +28,7 @@ from proxops.systems.touch.sites import (
     nearest_site,
     place_below,
     place_near,
+    tangents,
     use_of_limits,
     why_not,
 )
@@ -60,6 +61,7 @@ __all__ = [
     "place_below",
     "place_craft",
     "place_near",
+    "tangents",
     "use_of_limits",
     "why_not",
 ]

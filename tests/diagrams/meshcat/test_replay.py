@@ -106,7 +106,7 @@ def test_views_fit_body_and_path(log: FlightLog) -> None:
     """Everything lies within the picture's height, of 40 degrees, whatever the view."""
     positions = log.dataset["state"].values[:, :3]
     everything = np.vstack([positions, log.body.shape.vertices])
-    for view in viewpoints(log.body, positions).values():
+    for view in viewpoints(Scene(quiet_meshcat(), log.body), positions).values():
         ahead = (view.target - view.eye) / np.linalg.norm(view.target - view.eye)
         depth = (everything - view.eye) @ ahead
         right = np.cross(ahead, [0.0, 0.0, 1.0])

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import re
+import typing
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,13 +20,18 @@ from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import replay
 from proxops.diagrams.meshcat.meshcat_scene import Scene, quiet_meshcat
 from proxops.diagrams.meshcat.rigid_scene import RigidView, enlargement
+from proxops.diagrams.meshcat.site_scene import add_site, part_shown
 from proxops.diagrams.scenario import (
     RigidBodyConfig,
     Scenario,
+    arm_solids,
     dump_scenario,
     load_body,
+    load_scenario,
     load_spacecraft,
     solids_of,
+    touch_site,
+    with_site,
 )
 from proxops.systems.attitude import AttitudeGuidanceConfig, TrueRigidBodyConfig
 from proxops.systems.lidar import LidarConfig
@@ -191,3 +197,29 @@ def test_live_it_is_turned_as_it_is() -> None:
             f"/spacecraft/turned/flames/{thruster:02d}/flame", "scale"
         )
         assert doubles(packed, b"value", 3)[0] == pytest.approx(max(on, 1e-3))
+
+
+def test_a_touch_shows_the_arm_the_corridor_and_what_is_near() -> None:
+    """The corridor's lowest edge is a circle about the site; the arm's head hangs below S."""
+    scenario = load_scenario("bennu_touch_and_go")
+    body = load_body("bennu")
+    scenario = with_site(scenario, body)
+    near = part_shown(scenario)
+    assert near == scenario.task.descent.home_m
+    assert part_shown(load_scenario()) is None
+    scene = Scene(typing.cast(typing.Any, lines := Lines()), body, near=near)
+    add_site(scene, scenario)
+    site = touch_site(scenario, body)
+    ring = scene.unit * lines.starts[:, :24].T - site.position
+    np.testing.assert_allclose(ring @ site.normal, 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(ring, axis=1), scenario.task.descent.room_m)
+    rod, head = arm_solids(scenario.task)
+    assert head.corners[:, 2].min() == pytest.approx(-scenario.task.arm_m)
+    assert rod.corners[:, 2].max() == pytest.approx(0.05)
+
+
+class Lines:
+    """A Meshcat that keeps where the last line segments start."""
+
+    def SetLineSegments(self, _name, starts, *_rest) -> None:  # noqa: N802
+        self.starts = starts
