@@ -7,12 +7,11 @@ for each version, machine and set of packages, oldest first: `version`, `machine
 
 import json
 import os
-import platform
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 
-from proxops.systems.common import write_json
+from proxops.systems.common import processor, write_json
 
 FILE = "PROXOPS_BENCH_RESULTS"
 PACKAGES = ("drake", "numpy", "numba", "torch", "polyhedral-gravity", "bsk", "casadi", "embreex")
@@ -43,13 +42,3 @@ def installed(name: str) -> str | None:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
         return None
-
-
-def processor() -> str:
-    """The processor's name, as far as the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()

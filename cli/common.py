@@ -9,7 +9,7 @@ import shlex
 import sys
 import time
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import rich.progress
@@ -17,6 +17,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from proxops.assets import ASSETS
 from proxops.diagrams.scenario import (
@@ -144,6 +145,11 @@ def check_transits_drawn(scenario: Scenario, changes: list[str] | None) -> None:
             raise InputError(f"--set {key}: this command flies transits 0, 1, … of its --seed")
 
 
+def coloured(good: bool | None) -> str:
+    """The style of rich for success, failure, or neither."""
+    return "" if good is None else "green" if good else "bold red"
+
+
 console = Console(markup=False)
 """The console for results: standard output."""
 status = Console(stderr=True, soft_wrap=True, markup=False)
@@ -221,11 +227,18 @@ def print_remarks(scenario: Scenario, body: Body) -> None:
         status.print(f"Note: {remark}.")
 
 
-def print_rows(title: str, rows: list[tuple[str, str]]) -> None:
-    """Prints rows (name, value) as a table with a title."""
+def print_rows(
+    title: str, *parts: Sequence[tuple[str, str] | tuple[str, str, bool | None]]
+) -> None:
+    """Prints parts of rows (name, value) as a table with a title, with a line between parts.
+
+    A third entry of a row says whether its value is good.
+    """
     table = Table(title=title, show_header=False, title_justify="left")
     table.add_column(style="bold")
     table.add_column(justify="right")
-    for row in rows:
-        table.add_row(*row)
+    for rows in parts:
+        for name, value, *good in rows:
+            table.add_row(name, Text(value, coloured(good[0] if good else None)))
+        table.add_section()
     console.print(table)

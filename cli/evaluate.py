@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses as dc
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
+from rich.text import Text
 
 from proxops.cli.common import (
     DispersionsName,
@@ -17,6 +18,7 @@ from proxops.cli.common import (
     SchedulerAddress,
     check_folder,
     check_transits_drawn,
+    coloured,
     complete_controllers,
     console,
     print_remarks,
@@ -25,9 +27,12 @@ from proxops.cli.common import (
     with_dispersions,
     work_bar,
 )
-from proxops.diagrams.flight import Workers, named_controller
-from proxops.diagrams.scenario import draw_transit, load_body, load_scenario
+from proxops.diagrams.flight import Workers, made_with, named_controller
+from proxops.diagrams.scenario import ArrivalConfig, draw_transit, load_body, load_scenario
 from proxops.systems.common import InputError, write_json
+
+if TYPE_CHECKING:
+    from proxops.studies.figures import Results
 
 
 def evaluate_command(
@@ -69,7 +74,7 @@ def evaluate_command(
     """
     # matplotlib is slow to import.
     from proxops.studies.campaigns import Variant, describe_flight, fly_variants
-    from proxops.studies.figures import aggregate_all, figure_rows
+    from proxops.studies.figures import aggregate_all
     from proxops.studies.report import may_be_shown, write_evaluation
 
     names = [name.strip() for name in controllers.split(",") if name.strip()]
@@ -94,17 +99,33 @@ def evaluate_command(
     if any(row.get("dispersed") for group in rows.values() for row in group):
         status.print("Ranking what drives failure")  # Some seconds for each controller.
     results = aggregate_all(rows)
-    write_json(out / "results.json", {name: dc.asdict(each) for name, each in results.items()})
-    table = Table(title=f"transits of seed {seed}", title_justify="left")
-    table.add_column()
-    for name in results:
-        table.add_column(name, justify="right")
-    for label, cells in figure_rows(results, wanted.arrival):
-        table.add_row(label, *cells)
-    console.print(table)
+    origin = {"command": typed_command(), **made_with()}
+    entries = {name: dc.asdict(each) for name, each in results.items()}
+    write_json(out / "results.json", {"provenance": origin, "controllers": entries})
+    console.print(_first_figures(f"{transits} transits of seed {seed}", results, wanted.arrival))
     with work_bar("writing the report") as progress:
         write_evaluation(
-            out, results, wanted, seed, command=typed_command(),
+            out, results, wanted, seed, provenance=origin,
             workers=Workers(workers, scheduler, progress),
         )  # fmt: skip
     status.print(f"Wrote results.json, report.html and report.md in {out}")
+
+
+def _first_figures(title: str, results: Results, arrival: ArrivalConfig) -> Table:
+    """The table of the first ten figures; the report has all."""
+    from proxops.studies.figures import figure_rows  # It is slow to import.
+
+    table = Table(title=title, title_justify="left")
+    table.add_column()
+    for name in results:
+        table.add_column(name, justify="right")
+    group = ""
+    for row in figure_rows(results, arrival):
+        if not row.group:
+            continue
+        if row.group != group:
+            table.add_section()
+            group = row.group
+        cells = [Text(text, coloured(good)) for text, good in zip(row.cells, row.good, strict=True)]
+        table.add_row(row.label, *cells)
+    return table

@@ -25,6 +25,7 @@ from proxops.cli.common import (
     print_remarks,
     print_rows,
     status,
+    typed_command,
     with_dispersions,
     work_bar,
 )
@@ -287,6 +288,7 @@ def _log_to_repeat(log_file: Path, named: str | None, out: Path) -> FlightLog:
 
 
 def _save(log: FlightLog, out: Path, as_json: bool) -> None:
+    log.dataset.attrs["command"] = typed_command()
     summary = log.summary
     make_folder(out)
     (out / "replay.html").unlink(missing_ok=True)  # It may be of another flight.
@@ -296,30 +298,57 @@ def _save(log: FlightLog, out: Path, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(summary, indent=2))
     else:
-        print_rows(f"{log.body.config.name}, {summary['controller']}", _table(log, summary))
+        title = f"{log.body.config.name}, {summary['controller']}"
+        print_rows(title, _first_rows(log, summary), _other_rows(log, summary))
     status.print(f"Wrote flight.nc, summary.json and replay.html in {out}")
     _tell_if_overconfident(summary)
 
 
-def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
-    flown = float(log.dataset["time"].values[-1])
+def _first_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str, bool | None]]:
+    """What a stranger asks first: at most ten rows of names, values, and whether they are good."""
     arrival = summary["arrival_time_s"]
+    success, entries = summary["success"], summary["keep_out_violations"]
+    rows: list[tuple[str, str, bool | None]] = [
+        ("success", "yes" if success else "no", success),
+        ("collision", "yes" if summary["collided"] else "no", not summary["collided"]),
+    ]
+    if "touched" not in summary:
+        rows += [
+            ("entries into the keep-out ellipsoid", str(entries), entries == 0),
+            ("least clearance of it", length_text(summary["min_clearance_m"]), None),
+        ]
+    flown, wall = float(log.dataset["time"].values[-1]), summary["wall_s"]
+    rows += [
+        ("arrival", "never" if arrival is None else f"{arrival:.0f} s", None),
+        (
+            "distance from the goal at the end",
+            length_text(summary["terminal_position_error_m"]),
+            None,
+        ),
+        (
+            "Δv" if arrival is None else "Δv until arrival",
+            f"{three_digits(summary['delta_v_m_s'])} m/s",
+            None,
+        ),
+    ]
+    if "navigation_position_error_m_median" in summary:
+        error = length_text(summary["navigation_position_error_m_median"])
+        rows.append(("position error of the navigation, median", error, None))
+    rows.append(
+        ("computed", f"{flown:.0f} s in {wall:.1f} s, {flown / wall:.0f} x real time", None)
+    )
+    return rows
+
+
+def _other_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
     rows = [
         ("transit", _transit_text(log.scenario.transit)),
         *([("values drawn", str(len(summary["dispersed"])))] if summary["dispersed"] else []),
-        ("success", "yes" if summary["success"] else "no"),
-        ("collision", "yes" if summary["collided"] else "no"),
-        *(_touch(summary) if "touched" in summary else _clearance(summary)),
-        ("arrival", "never" if arrival is None else f"{arrival:.0f} s"),
-        ("position error at the end", length_text(summary["terminal_position_error_m"])),
+        *(_touch(summary) if "touched" in summary else []),
         ("speed at the end", f"{three_digits(summary['terminal_speed_m_s'])} m/s"),
-        (
-            "delta-v" if arrival is None else "delta-v to arrival",
-            f"{three_digits(summary['delta_v_m_s'])} m/s",
-        ),
-        ("delta-v of the hold", f"{three_digits(summary['hold_delta_v_m_s'])} m/s"),
+        ("Δv of the hold", f"{three_digits(summary['hold_delta_v_m_s'])} m/s"),
         ("control steps", str(summary["steps"])),
-        ("MPC solves", str(summary["mpc_solves"])),
+        ("times that the MPC was solved", str(summary["mpc_solves"])),
     ]
     if summary["control_ms_median"] is not None:
         median, p99 = summary["control_ms_median"], summary["control_ms_p99"]
@@ -345,17 +374,7 @@ def _table(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
         counts = f"{summary['interventions']}, {summary['interventions_keep_out']}"
         rows.append(("interventions of runtime assurance, all and to keep out", counts))
     rows += [(f"steps {what}", str(count)) for what, count in fallback_steps(log.dataset).items()]
-    rows.append(("simulated", f"{flown:.0f} s in {summary['wall_s']:.1f} s"))
-    rows.append(("speed against real time", f"{flown / summary['wall_s']:.0f} x"))
     return rows
-
-
-def _clearance(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """Rows of a table on the keep-out ellipsoid."""
-    return [
-        ("keep-out violations", str(summary["keep_out_violations"])),
-        ("least keep-out clearance", length_text(summary["min_clearance_m"])),
-    ]
 
 
 def _touch(summary: dict[str, Any]) -> list[tuple[str, str]]:

@@ -20,7 +20,7 @@ from proxops.diagrams.flight.campaign import (
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
 from proxops.diagrams.flight.named_controllers import WITH_BUNDLE, bundle_of, named_controller
 from proxops.diagrams.flight.on_board import mended_map_of_flight
-from proxops.diagrams.flight.origin import Provenance, body_sha256, provenance
+from proxops.diagrams.flight.origin import Provenance, body_sha256, made_with, provenance
 from proxops.diagrams.flight.parallel import Workers
 from proxops.diagrams.flight.recording import Flown, make_log
 from proxops.diagrams.flight.scenario_systems import (
@@ -58,6 +58,7 @@ __all__ = [
     "fly",
     "fly_many",
     "let_go",
+    "made_with",
     "make_backup",
     "make_events",
     "make_hybrid",

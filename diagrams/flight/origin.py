@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import functools
 import hashlib
+import os
+import subprocess
 from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -18,7 +21,7 @@ from proxops.diagrams.scenario import (
     dump_typed,
     is_yaml_path,
 )
-from proxops.systems.common import file_sha256
+from proxops.systems.common import file_sha256, processor
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.navigation import map_files
 from proxops.systems.policy import load_policy
@@ -79,3 +82,24 @@ def body_sha256(body: Body) -> str:
 def own_version() -> str:
     """Gives the version of proxops in this process."""
     return metadata.version("proxops")
+
+
+@functools.cache
+def made_with() -> dict[str, str]:
+    """Gives the version and machine of this process, and the commit where it runs from a clone."""
+    machine = f"{processor()}, {os.cpu_count()} cores"
+    commit = _commit()
+    return {"version": own_version(), **({"commit": commit} if commit else {}), "machine": machine}
+
+
+def _commit() -> str:
+    """The commit of this file, with "-dirty" after changes; "" where git does not know the file."""
+    file = Path(__file__).resolve()
+    git = ["git", "-C", str(file.parent)]
+    known = [*git, "ls-files", "--error-unmatch", file.name]
+    named = [*git, "describe", "--always", "--dirty", "--exclude=*"]
+    try:
+        subprocess.run(known, capture_output=True, check=True)
+        return subprocess.run(named, capture_output=True, check=True, text=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""

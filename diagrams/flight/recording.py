@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import metadata
 from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
+from proxops.diagrams.flight.origin import made_with
 from proxops.diagrams.flight.touching import TouchMotion, contact_figures
 from proxops.diagrams.flight.world import has_thruster_errors
 from proxops.diagrams.logs import (
@@ -222,7 +222,7 @@ def _attributes(flown: Flown, wall_time: float) -> dict[str, Any]:
     dwelt = entered < NEVER and end - entered >= scenario.arrival.dwell_s * (1.0 - 1e-9)
     hold = flown.diagram.GetSubsystemByName("hold")
     attributes = {
-        "proxops_version": metadata.version("proxops"),
+        **{f"proxops_{name}": text for name, text in made_with().items()},
         "controller": flown.name,
         "seed": scenario.transit.seed,
         "transit": scenario.transit.index,

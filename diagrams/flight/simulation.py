@@ -24,7 +24,7 @@ from proxops.diagrams.scenario import (
     TrueBody,
     World,
 )
-from proxops.systems.common import Progress, check_type, silent
+from proxops.systems.common import Progress, check_type, compilation_timed, silent
 
 # Relative accuracy with which the time of an event is found.
 _EVENT_ACCURACY = 1e-6
@@ -95,16 +95,18 @@ def fly_world(
         touches = isinstance(scenario.task, TouchAndGoConfig)
         motion = TouchMotion(world, diagram) if touches else None
         _watch(simulator, frames, progress, latest, motion)
-        started = time.perf_counter()
-        simulator.AdvanceTo(latest)
-        context = simulator.get_context()
-        while motion is not None and motion.near(context) and context.get_time() < latest:
-            motion.fly(simulator, latest)
+        with compilation_timed() as compiled:
+            started = time.perf_counter()
             simulator.AdvanceTo(latest)
-        if frames is not None:
-            frames.keep_end(context)
+            context = simulator.get_context()
+            while motion is not None and motion.near(context) and context.get_time() < latest:
+                motion.fly(simulator, latest)
+                simulator.AdvanceTo(latest)
+            if frames is not None:
+                frames.keep_end(context)
+            wall_time = time.perf_counter() - started - compiled()
         flown = Flown(diagram, context, world, controller, name, frames, motion)
-        log = make_log(flown, time.perf_counter() - started)
+        log = make_log(flown, wall_time)
         if meshcat is not None:
             add_flight(meshcat, log)  # The replay.
         if finished is not None:

@@ -9,6 +9,7 @@ is.
 from proxops.studies.figures.intervals import exact_interval
 from proxops.studies.figures.results import (
     EXPERT,
+    FigureRow,
     Result,
     Results,
     aggregate_all,
@@ -32,6 +33,7 @@ __all__ = [
     "EXPERT",
     "LEAST_FLIGHTS",
     "Column",
+    "FigureRow",
     "Ranking",
     "Result",
     "Results",

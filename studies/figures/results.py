@@ -178,81 +178,83 @@ class Result:
     # fmt: off
     transits: int = _figure(lambda each: len(each.flown))
     unflyable: int = _figure(lambda each: each.unflyable, "worlds that can't be flown", _if_any)
-    successes: int = _sum("success", "success ({near})", _of_all)
+    successes: int = _sum("success", "success (within {near})", _of_all)
     success_rate: Number = _of_trials("success", _rate)
-    success_rate_interval: Interval = _of_trials("success", success_interval, "95 % interval")
+    success_rate_interval: Interval = _of_trials("success", success_interval,
+                                                 "95 % interval of success")
     success_rate_exact_interval: Interval = _of_trials("success", exact_interval,
-                                                       "exact 95 % interval")
-    success_shown_90: float = _of_trials("success", shown_success, "shown with 90 % confidence (%)",
+                                                       "exact 95 % interval of success")
+    success_shown_90: float = _of_trials("success", shown_success,
+                                         "success, with 90 % confidence (%)",
                                          _fixed(".2f", 100.0))
-    successes_2km: int = _sum("success_2km", "success ({wide})", _of_all)
+    successes_2km: int = _sum("success_2km", "success (within {wide})", _of_all)
     success_rate_2km: Number = _of_trials("success_2km", _rate)
     success_rate_2km_interval: Interval = _of_trials("success_2km", success_interval,
-                                                     "95 % interval")
+                                                     "95 % interval of that")
     collisions: int = _sum("collided", "collisions")
     keep_out_violations: int = _sum("keep_out_violations", "keep-out violations")
-    min_clearance_m: Number = _clearance(0, "least clearance")
-    min_clearance_m_p1: Number = _clearance(1, "least clearance, p1")
-    min_clearance_m_p10: Number = _clearance(10, "least clearance, p10")
+    min_clearance_m: Number = _clearance(0, "least clearance of the keep-out ellipsoid")
+    min_clearance_m_p1: Number = _clearance(1, "least clearance, 1st percentile")
+    min_clearance_m_p10: Number = _clearance(10, "least clearance, 10th percentile")
     min_clearance_m_median: Number = _clearance(50, "least clearance, median")
-    terminal_position_error_m_median: Number = _end(50, "end error, median (m)")
-    terminal_position_error_m_p90: Number = _end(90, "end error, p90 (m)")
-    terminal_position_error_m_p95: Number = _end(95, "end error, p95 (m)")
-    terminal_position_error_m_p99: Number = _end(99, "end error, p99 (m)")
+    terminal_position_error_m_median: Number = _end(50, "distance to the goal at the end (m)")
+    terminal_position_error_m_p90: Number = _end(90, "end error, 90th percentile (m)")
+    terminal_position_error_m_p95: Number = _end(95, "end error, 95th percentile (m)")
+    terminal_position_error_m_p99: Number = _end(99, "end error, 99th percentile (m)")
     terminal_position_error_m_max: Number = _end(100, "end error, greatest (m)")
     terminal_speed_m_s_max: Number = _percentile("terminal_speed_m_s", 100,
                                                  "end speed, greatest (m/s)")
     delta_v_m_s_mean: Number = _mean("delta_v_m_s", group="arrived")
-    delta_v_m_s_median: Number = _delta_v(50, "delta-v, median (m/s)")
-    delta_v_m_s_p90: Number = _delta_v(90, "delta-v, p90 (m/s)")
-    delta_v_99_m_s: Number = _delta_v(99, "delta-v, p99 (m/s)")
+    delta_v_m_s_median: Number = _delta_v(50, "Δv (m/s)")
+    delta_v_m_s_p90: Number = _delta_v(90, "Δv, 90th percentile (m/s)")
+    delta_v_99_m_s: Number = _delta_v(99, "Δv, 99th percentile (m/s)")
     delta_v_99_m_s_bound: Number = _figure(
         lambda each: percentile_bound(each.values("delta_v_m_s", "arrived")),
-        "delta-v, p99, at most (m/s)", _digits)
-    delta_v_m_s_max: Number = _delta_v(100, "delta-v, greatest (m/s)")
+        "Δv, 99th percentile, at most (m/s)", _digits)
+    delta_v_m_s_max: Number = _delta_v(100, "Δv, greatest (m/s)")
     expert_delta_v_ratio_median: Number = _figure(
         lambda each: each.ratio(lambda pairs: np.median(pairs[:, 0] / pairs[:, 1])),
-        "over the expert's, median", _RATIO)
+        "Δv over the MPC's", _RATIO)
     expert_delta_v_ratio: Number = _figure(
         lambda each: each.ratio(lambda pairs: np.divide(*pairs.sum(axis=0))),
-        "over the expert's, of sums", _RATIO)
+        "Δv over the MPC's, of sums", _RATIO)
     expert_pairs: int | None = _figure(
         lambda each: None if each.pairs is None else len(each.pairs), "transits compared")
-    arrival_time_s_median: Number = _arrival(50, "arrival, median (s)")
-    arrival_time_s_p90: Number = _arrival(90, "arrival, p90 (s)")
-    arrival_time_s_p99: Number = _arrival(99, "arrival, p99 (s)")
-    arrival_time_s_max: Number = _arrival(100, "arrival, greatest (s)")
+    arrival_time_s_median: Number = _arrival(50, "time until arrival (s)")
+    arrival_time_s_p90: Number = _arrival(90, "time until arrival, 90th percentile (s)")
+    arrival_time_s_p99: Number = _arrival(99, "time until arrival, 99th percentile (s)")
+    arrival_time_s_max: Number = _arrival(100, "time until arrival, greatest (s)")
     estimate_position_error_m_median: Number = _percentile(
-        "estimate_position_error_m_median", 50, "position off, median (m)")
+        "estimate_position_error_m_median", 50, "policy's position error, median (m)")
     estimate_position_error_m_p95: Number = _percentile(
-        "estimate_position_error_m_p95", 50, "position off, p95 (m)")
+        "estimate_position_error_m_p95", 50, "policy's position error, 95th percentile (m)")
     estimate_velocity_error_m_s_median: Number = _percentile(
-        "estimate_velocity_error_m_s_median", 50, "velocity off, median (m/s)")
+        "estimate_velocity_error_m_s_median", 50, "policy's velocity error, median (m/s)")
     estimate_velocity_error_m_s_p95: Number = _percentile(
-        "estimate_velocity_error_m_s_p95", 50, "velocity off, p95 (m/s)")
+        "estimate_velocity_error_m_s_p95", 50, "policy's velocity error, 95th percentile (m/s)")
     navigation_position_error_m_median: Number = _navigation(
-        "position_error_m_median", "navigation off, median (m)")
+        "position_error_m_median", "navigation, position error (m)")
     navigation_position_error_m_p95: Number = _navigation(
-        "position_error_m_p95", "navigation off, p95 (m)")
+        "position_error_m_p95", "navigation, its 95th percentile (m)")
     navigation_velocity_error_m_s_median: Number = _navigation(
-        "velocity_error_m_s_median", "its velocity off, median (m/s)")
+        "velocity_error_m_s_median", "navigation, velocity error (m/s)")
     navigation_velocity_error_m_s_p95: Number = _navigation("velocity_error_m_s_p95")
     navigation_attitude_error_deg_median: Number = _navigation(
-        "attitude_error_deg_median", "its attitude off, median (deg)", _fixed(".4f"))
+        "attitude_error_deg_median", "navigation, attitude error (deg)", _fixed(".4f"))
     navigation_attitude_error_deg_p95: Number = _navigation("attitude_error_deg_p95")
-    navigation_consistent: Number = _mean("navigation_consistent", "steps within its 3 sigma (%)",
+    navigation_consistent: Number = _mean("navigation_consistent", "navigation, within 3 sigma (%)",
                                           "settled")
     navigation_following: Number = _mean("navigation_following", group="settled")
-    policy_share: Number = _mean("policy_share", "policy's share (%)")
+    policy_share: Number = _mean("policy_share", "steps flown by the policy (%)")
     policy_share_to_arrival: Number = _mean("policy_share_to_arrival")
     small_command_share: Number = _figure(
         _share_of_small, "steps below 3 % of the thrust limit (%)", _PERCENT)
-    mpc_solves: int = _sum("mpc_solves", "MPC solves")
+    mpc_solves: int = _sum("mpc_solves", "times that the MPC was solved")
     control_ms_mean: Number = _mean("control_ms_mean")
     control_ms_median: Number = _percentile(
-        "control_ms_median", 50, "step, median (ms)", _MILLISECONDS)
+        "control_ms_median", 50, "computing a control step (ms)", _MILLISECONDS)
     control_ms_p99: Number = _percentile(
-        "control_ms_p99", 100, "step, greatest p99 (ms)", _MILLISECONDS)
+        "control_ms_p99", 100, "control step, greatest p99 (ms)", _MILLISECONDS)
     # fmt: on
     drivers: Mapping[str, Sequence[str]] | None = None
     """By output what drives it by more than chance, strongest first; None: nothing was dispersed.
@@ -304,6 +306,47 @@ def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> Resul
 
 
 _SHOWN_FIELDS = [field for field in dc.fields(Result) if field.metadata]
+# What a stranger asks first.
+_FIRST = {
+    "success": ("successes", "success_rate_interval"),
+    "safety": ("collisions", "keep_out_violations"),
+    "propellant": ("delta_v_m_s_median", "expert_delta_v_ratio_median"),
+    "accuracy": ("terminal_position_error_m_median",),
+    "navigation": ("navigation_position_error_m_median",),
+    "time": ("arrival_time_s_median", "control_ms_median"),
+}
+
+
+def _all_or_none(value: int, result: Result) -> bool | None:
+    return True if value == result.transits else None if value else False
+
+
+def _none(value: int, _: Result) -> bool:
+    return value == 0
+
+
+_GOOD: dict[str, Callable[[typing.Any, Result], bool | None]] = {
+    "successes": _all_or_none,
+    "successes_2km": _all_or_none,
+    "collisions": _none,
+    "keep_out_violations": _none,
+}
+# By the start of a field's name.
+_NOTES = {
+    "success_rate_interval": "Where no other is named, a figure is the median over flights. The 95 % interval is Wilson's: with more flights it is narrower.",
+    "success_rate_exact_interval": "The exact interval is Clopper and Pearson's.",
+    "success_shown_90": "If the true probability of success were lower than what is shown with "
+    "90 % confidence, a result this good would have a chance below 10 %.",
+    "delta_v": "Δv and the time until arrival count the flights that succeeded.",
+    "delta_v_99_m_s_bound": "“At most” is an upper bound with 90 % confidence; it needs 230 "
+    "flights that succeeded.",
+    "expert": "Δv over the MPC's counts the transits in which both succeeded.",
+    "estimate": "The policy's errors are those of the state that it estimates from the lidar.",
+    "navigation": "The navigation estimates the state from the lidar; its errors count the flights "
+    "in which it found its place.",
+    "control_ms": "Computing a control step counts the controller, without the first step of a "
+    "flight, which loads or compiles.",
+}
 
 
 def aggregate_all(groups: Mapping[str, Sequence[Row]]) -> dict[str, Result]:
@@ -341,21 +384,43 @@ def results_from_json(content: Mapping[str, Mapping[str, typing.Any]]) -> dict[s
     return results
 
 
-def figure_rows(results: Results, arrival: ArrivalConfig) -> list[tuple[str, list[str]]]:
-    """Makes the table's lines: a label, and each controller's figure.
+class FigureRow(typing.NamedTuple):
+    """A line of the table of figures."""
 
-    Lines without a figure are left out. "At most" is a 90 % confidence bound. Steps are timed where
-    the MPC or a network computes; the greatest p99 is that of one flight.
+    group: str
+    """What the figure is about, if it is one of the first ten; else ""."""
+    label: str
+    cells: Sequence[str]
+    """The figure of each controller."""
+    good: Sequence[bool | None]
+    """Whether each is good; None: neither good nor bad."""
+    notes: Sequence[str]
+    """Sentences that explain the figure."""
+
+
+def figure_rows(results: Results, arrival: ArrivalConfig) -> list[FigureRow]:
+    """Makes the table's lines: the first ten figures in their groups, then all others.
+
+    Lines without a figure are left out.
     """
     limits = {"near": arrival_text(arrival), "wide": arrival_text(arrival, WIDE_ARRIVAL)}
+    groups = {name: group for group, names in _FIRST.items() for name in names}
+    order = [*groups, *(field.name for field in _SHOWN_FIELDS if field.name not in groups)]
+    shown = {field.name: field.metadata["shown"] for field in _SHOWN_FIELDS}
     lines = []
-    for field in _SHOWN_FIELDS:
-        _, label, text = field.metadata["shown"]
+    for name in order:
+        _, label, text = shown[name]
         if label:
-            figures = [(getattr(result, field.name), result) for result in results.values()]
-            cells = [DASH if value is None else text(value, result) for value, result in figures]
-            lines.append((label.format(**limits), cells))
-    return [line for line in lines if any(cell != DASH for cell in line[1])]
+            values = [(getattr(result, name), result) for result in results.values()]
+            cells = [DASH if value is None else text(value, result) for value, result in values]
+            good = [
+                _GOOD[name](value, result) if name in _GOOD and result.transits else None
+                for value, result in values
+            ]
+            notes = [note for start, note in _NOTES.items() if name.startswith(start)]
+            row = FigureRow(groups.get(name, ""), label.format(**limits), cells, good, notes)
+            lines.append(row)
+    return [line for line in lines if any(cell != DASH for cell in line.cells)]
 
 
 def arrival_text(arrival: ArrivalConfig, multiple: float = 1.0) -> str:

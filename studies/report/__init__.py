@@ -7,7 +7,7 @@ and others like it. A new figure goes into `plots`, and its section into `evalua
 
 from proxops.studies.report.evaluation_report import (
     driver_blocks,
-    figure_table,
+    figure_blocks,
     success_text,
     write_evaluation,
 )
@@ -38,7 +38,7 @@ __all__ = [
     "controller_looks",
     "draw_paths",
     "driver_blocks",
-    "figure_table",
+    "figure_blocks",
     "label_axis",
     "may_be_shown",
     "new_figure",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import typing
-from collections.abc import Sequence
-from importlib import metadata
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from proxops.studies.campaigns import Logs
 from proxops.studies.figures import (
     EXPERT,
     LEAST_FLIGHTS,
+    FigureRow,
     Result,
     Results,
     arrival_text,
@@ -48,7 +49,10 @@ from proxops.studies.report.shown_flights import (
 from proxops.training.reports import (
     DASH,
     Block,
+    Cell,
+    Folded,
     Link,
+    Mark,
     Section,
     Table,
     Text,
@@ -71,7 +75,7 @@ def write_evaluation(
     scenario: Scenario,
     seed: int,
     *,
-    command: str,
+    provenance: Mapping[str, str],
     workers: Workers,
 ) -> None:
     """Writes the report of an evaluation, and pages that replay the worst flights.
@@ -79,16 +83,24 @@ def write_evaluation(
     Args:
       out: a folder; its folder `flights` has the flights, and logs of those that are shown. What
         has no log is flown again.
-      command: as it was typed.
+      provenance: the command as it was typed, and what else tells where the results come from.
     """
     logs = shown_logs(results, scenario, seed, out / "flights", workers)
     write_worst(out, results, logs)
     body = load_body(scenario.body).config.name
-    head = [Text(command, code=True), *_head(results, scenario.arrival, body)]
     count = len(next(iter(results.values())).rows)
+    head = [Text(f"{success_text(scenario.arrival)}."), *figure_blocks(results, scenario.arrival)]
+    origin = {name: text for name, text in provenance.items() if name != "command"}
     sections = [
         Section(f"{count} transits of seed {seed}", head),
         *evaluation_sections(results, logs, scenario.arrival),
+        Section(
+            "Where this comes from",
+            [
+                Text(provenance["command"], code=True),
+                Text(", ".join(f"{name} {text}" for name, text in origin.items()) + "."),
+            ],
+        ),
     ]
     write_report(out, f"{body}: {', '.join(results)}", sections)
 
@@ -124,11 +136,38 @@ def success_text(arrival: ArrivalConfig) -> str:
     )
 
 
-def figure_table(results: Results, arrival: ArrivalConfig) -> Table:
-    """Makes the table of all figures, with a column for each controller."""
-    return Table(
-        ["", *results], [[label, *cells] for label, cells in figure_rows(results, arrival)]
-    )
+def figure_blocks(results: Results, arrival: ArrivalConfig) -> list[Block]:
+    """Makes the table of the first ten figures, a column for each controller; folded, all others.
+
+    Only what a table shows is explained below it.
+    """
+    rows = figure_rows(results, arrival)
+    first = [row for row in rows if row.group]
+    lines: list[Sequence[Cell]] = []
+    for group, each in itertools.groupby(first, lambda row: row.group):
+        lines += [[group], *map(_marked, each)]
+    others = [row for row in rows if not row.group]
+    return [
+        Table(["", *results], lines),
+        *_notes(first),
+        Folded(
+            f"{len(others)} more figures",
+            [Table(["", *results], [_marked(row) for row in others]), *_notes(others)],
+        ),
+    ]
+
+
+def _marked(row: FigureRow) -> list[Cell]:
+    cells = [
+        text if good is None else Mark(text, good)
+        for text, good in zip(row.cells, row.good, strict=True)
+    ]
+    return [row.label, *cells]
+
+
+def _notes(rows: Sequence[FigureRow]) -> list[Text]:
+    notes = dict.fromkeys(note for row in rows for note in row.notes)
+    return [Text(" ".join(notes))] if notes else []
 
 
 def driver_blocks(results: Results) -> list[Block]:
@@ -140,22 +179,7 @@ def driver_blocks(results: Results) -> list[Block]:
     ]
 
 
-def _head(results: Results, arrival: ArrivalConfig, body: str) -> list[Block]:
-    return [
-        Text(
-            f"{body}, proxops {metadata.version('proxops')}. {success_text(arrival)}. "
-            "Intervals are Wilson's, unless they are called exact (Clopper and Pearson's). "
-            "Δv and arrival count the flights that succeeded; Δv over the expert's counts the "
-            "transits in which both succeeded. “Delta-v, p99, at most” is an upper bound of "
-            "that percentile with 90 % confidence; it needs 230 flights that succeeded. "
-            "Position off and velocity off are errors of a policy's estimates: medians over "
-            "flights of each flight's median and p95."
-        ),
-        figure_table(results, arrival),
-    ]
-
-
-def _table(head: Sequence[str], lines: Sequence[Sequence[str | Link]]) -> list[Block]:
+def _table(head: Sequence[str], lines: Sequence[Sequence[Cell]]) -> list[Block]:
     """A table of the first lines; it says how many are left out."""
     left = len(lines) - _MOST_LINES
     more = [Text(f"{left} more are in results.json.")] if left > 0 else []
@@ -240,7 +264,7 @@ def _worst(figure: str, name: str, result: Result, logs: Logs) -> list[Block]:
     lines = [
         [
             Link(f"transit {row['transit']}", replay_page(name, row)),
-            outcome(row),
+            Mark(outcome(row), row["success"]),
             length_text(row["terminal_position_error_m"]),
             length_text(row["min_clearance_m"]),
             f"{three_digits(row['delta_v_m_s'])} m/s",
@@ -268,8 +292,8 @@ def _drawn(rows: Sequence[Row]) -> list[Block]:
     """What was drawn of the worlds of some flights."""
     names = dict.fromkeys(name for row in rows for name in row.get("dispersed", {}))
     lines = [[name, *(_value(row["dispersed"].get(name)) for row in rows)] for name in names]
-    head = ["what was drawn", *(f"transit {row['transit']}" for row in rows)]
-    return [Table(head, lines)] if lines else []
+    head = ["", *(f"transit {row['transit']}" for row in rows)]
+    return [Folded("What was drawn of their worlds", [Table(head, lines)])] if lines else []
 
 
 def _value(value: typing.Any) -> str:
@@ -285,7 +309,7 @@ def _failures(results: Results) -> list[Block]:
         [
             row["controller"],
             str(row["transit"]),
-            outcome(row),
+            Mark(outcome(row), good=False),
             length_text(row["terminal_position_error_m"]),
             f"{three_digits(row['terminal_speed_m_s'])} m/s",
             length_text(row["min_clearance_m"]),

@@ -25,7 +25,7 @@ from proxops.studies.campaigns import (
     fly_campaign,
 )
 from proxops.studies.figures import arrival_text, results_from_json
-from proxops.studies.report import driver_blocks, figure_table
+from proxops.studies.report import driver_blocks, figure_blocks
 from proxops.systems.common import InputError, write_json
 from proxops.training.reports import (
     Block,
@@ -269,7 +269,7 @@ def _campaign(flown: FlownCampaign) -> list[Block]:
     return [
         Text(f"proxops reproduce {campaign.name}", code=True),
         Text(f"{campaign.told} Seed {campaign.seed}; {flown.body}{drawn}"),
-        figure_table(flown.results, flown.arrival),
+        *figure_blocks(flown.results, flown.arrival),
         *(Text(f"{name} refuses to fly: {reason}.") for name, reason in flown.refused.items()),
         *(driver_blocks(flown.results) if campaign.name == FLAGSHIP else []),
     ]

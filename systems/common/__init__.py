@@ -53,7 +53,8 @@ from proxops.systems.common.files import (
     write_whole,
 )
 from proxops.systems.common.html_tables import html_table
-from proxops.systems.common.kernels import compiling_told, kernel
+from proxops.systems.common.kernels import compilation_timed, compiling_told, kernel
+from proxops.systems.common.machine import processor
 from proxops.systems.common.progress import Progress, part_of, silent
 from proxops.systems.common.rotations import (
     Quaternion,
@@ -116,6 +117,7 @@ __all__ = [
     "check_type",
     "checked_semi_axes",
     "choices_of",
+    "compilation_timed",
     "compiling_told",
     "config",
     "cross_matrix",
@@ -144,6 +146,7 @@ __all__ = [
     "one_thread",
     "open_session",
     "part_of",
+    "processor",
     "quaternion_inverse",
     "quaternion_of",
     "quaternion_product",

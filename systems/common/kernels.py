@@ -67,6 +67,13 @@ def compiling_told(progress: Progress) -> Generator[None]:
         yield
 
 
+@contextlib.contextmanager
+def compilation_timed() -> Generator[Callable[[], float]]:
+    """Gives a function that tells for how long, in s, numba has compiled within the block."""
+    with event.install_listener("numba:compile", event.TimingListener()) as found:
+        yield lambda: found.duration if found.done else 0.0
+
+
 class _CompilationListener(event.Listener):
     """Tells a `Progress` what numba compiles."""
 

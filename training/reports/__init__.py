@@ -16,7 +16,10 @@ from proxops.training.reports.force_errors import (
 from proxops.training.reports.lidar_frames import plot_frames
 from proxops.training.reports.report import (
     Block,
+    Cell,
+    Folded,
     Link,
+    Mark,
     Page,
     Picture,
     Section,
@@ -34,7 +37,10 @@ __all__ = [
     "HISTOGRAMS_CAPTION",
     "SMALL_COMMAND",
     "Block",
+    "Cell",
+    "Folded",
     "Link",
+    "Mark",
     "Page",
     "Picture",
     "Section",

@@ -43,11 +43,25 @@ class Link:
 
 
 @dataclass(frozen=True)
+class Mark:
+    """A cell of a table in the colour of success or of failure; its text says which it is."""
+
+    text: str
+    good: bool
+
+
+Cell = str | Link | Mark
+
+
+@dataclass(frozen=True)
 class Table:
-    """A head, and lines of the same length; the first column holds labels, the others figures."""
+    """A head, and lines of the same length; the first column holds labels, the others figures.
+
+    A line of a single cell is the heading of those below it.
+    """
 
     head: Sequence[str]
-    lines: Sequence[Sequence[str | Link]]
+    lines: Sequence[Sequence[Cell]]
 
 
 @dataclass(frozen=True)
@@ -71,7 +85,15 @@ class Page:
     caption: str
 
 
-Block = Text | Table | Picture | Page
+@dataclass(frozen=True)
+class Folded:
+    """What most readers skip: only its summary is seen until it is opened."""
+
+    summary: str
+    blocks: Sequence[Text | Table]
+
+
+Block = Text | Table | Picture | Page | Folded
 
 
 @dataclass(frozen=True)
@@ -107,7 +129,12 @@ def markdown_page(title: str, sections: Sequence[Section], folder: str = "figure
 
 def markdown_table(table: Table) -> list[str]:
     """Renders a table as lines of Markdown."""
-    rows = [[_cell(cell) for cell in row] for row in (table.head, *table.lines)]
+    rows = [
+        [f"**{_cell(row[0])}**"] + [""] * (len(table.head) - 1)
+        if len(row) == 1 < len(table.head)
+        else [_cell(cell) for cell in row]
+        for row in (table.head, *table.lines)
+    ]
     rows.insert(1, ["---"] + ["---:"] * (len(table.head) - 1))
     return ["| " + " | ".join(row) + " |" for row in rows]
 
@@ -144,9 +171,11 @@ def _plain(text: str) -> str:
     return _MARKUP.sub(r"\\\g<0>", text)
 
 
-def _cell(cell: str | Link) -> str:
+def _cell(cell: Cell) -> str:
     if isinstance(cell, Link):
         return f"[{_cell(cell.text)}]({urllib.parse.quote(cell.path)})"
+    if isinstance(cell, Mark):
+        return _cell(cell.text)
     return _plain(cell).replace("|", "\\|")
 
 

@@ -7,7 +7,7 @@ import pytest
 from known_policies import DeadReckoning, NotANumber, write_policy
 from short_flights import BRIEF, kleopatra, short_scenario
 
-from proxops.cli.fly import _table
+from proxops.cli.fly import _other_rows
 from proxops.diagrams.flight import bundle_of, fly, named_controller
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario_config import Scenario
@@ -58,7 +58,7 @@ def test_answers_that_are_not_finite_are_counted(tmp_path: Path) -> None:
     statuses = log.dataset["policy_status"].values[:-1]
     assert statuses.tolist() == [float(k % 3 == 2) for k in range(len(statuses))]
     assert (log.dataset["policy_force"].values[:-1][statuses == 1.0] == 0.0).all()
-    table = dict(_table(log, log.summary))
+    table = dict(_other_rows(log, log.summary))
     assert table["steps without force: policy not finite"] == str(int(statuses.sum()))
 
 
