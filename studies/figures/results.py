@@ -333,7 +333,8 @@ _GOOD: dict[str, Callable[[typing.Any, Result], bool | None]] = {
 }
 # By the start of a field's name.
 _NOTES = {
-    "success_rate_interval": "Where no other is named, a figure is the median over flights. The 95 % interval is Wilson's: with more flights it is narrower.",
+    "success_rate_interval": "Where no other is named, a figure is the median over flights. The "
+    "95 % interval is Wilson's: with more flights it is narrower.",
     "success_rate_exact_interval": "The exact interval is Clopper and Pearson's.",
     "success_shown_90": "If the true probability of success were lower than what is shown with "
     "90 % confidence, a result this good would have a chance below 10 %.",

@@ -255,7 +255,7 @@ def test_what_learned_from_the_expert_flies(working_folder: Path) -> None:
     words = ["--controllers", "clone:make", "--transits", 1, *short, "--workers", 1]
     assert proxops("evaluate", *words, "--out", "out/clone") == 0
     results = json.loads((working_folder / "out" / "clone" / "results.json").read_text())
-    (flight,) = results["clone:make"]["flights"]
+    (flight,) = results["controllers"]["clone:make"]["flights"]
     # It commands something, and not always the limit.
     assert 0.0 < flight["delta_v_m_s"] < 3 * 0.07 * 150.0
 

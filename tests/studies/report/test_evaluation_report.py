@@ -57,24 +57,36 @@ def test_what_is_shown_was_kept_as_it_was_flown() -> None:
 
 def test_table() -> None:
     rows = figure_rows(results(), ArrivalConfig())
-    table = {label: cells for label, cells in rows if label != "95 % interval"}
-    assert all(len(cells) == 3 for _, cells in rows)
-    assert table["success (1 km, 1 m/s)"] == ["20 of 20", "18 of 20", "0 of 20"]
-    assert table["success (2 km, 2 m/s)"] == ["20 of 20", "20 of 20", "0 of 20"]
-    intervals = [cells for label, cells in rows if label == "95 % interval"]
+    table = {row.label: row.cells for row in rows}
+    assert all(len(row.cells) == len(row.good) == 3 for row in rows)
+    assert table["success (within 1 km, 1 m/s)"] == ["20 of 20", "18 of 20", "0 of 20"]
+    assert table["success (within 2 km, 2 m/s)"] == ["20 of 20", "20 of 20", "0 of 20"]
     # Newcombe 1998, table I: 0 of 20 is 0 to 16.11 %.
-    assert [cells[2] for cells in intervals] == ["0.0–16.1 %"] * 2
-    assert [cells[0] for cells in intervals] == ["83.9–100.0 %"] * 2
+    for label in ("95 % interval of success", "95 % interval of that"):
+        assert table[label][2] == "0.0–16.1 %"
+        assert table[label][0] == "83.9–100.0 %"
     assert table["collisions"] == ["0", "1", "0"]
     assert table["end error, greatest (m)"][1] == "90000"
-    assert table["delta-v, median (m/s)"] == ["100", "105", "–"]
-    assert table["over the expert's, median"] == ["–", "1.050", "–"]
-    assert table["over the expert's, of sums"] == ["–", "1.050", "–"]
+    assert table["Δv (m/s)"] == ["100", "105", "–"]
+    assert table["Δv over the MPC's"] == ["–", "1.050", "–"]
+    assert table["Δv over the MPC's, of sums"] == ["–", "1.050", "–"]
     assert table["transits compared"] == ["–", "18", "0"]
-    assert table["position off, median (m)"] == ["–", "40.0", "–"]
-    assert table["velocity off, p95 (m/s)"] == ["–", "0.300", "–"]
-    assert table["policy's share (%)"] == ["0.0", "100.0", "0.0"]
-    assert table["step, median (ms)"] == ["4.00", "0.12", "–"]
+    assert table["policy's position error, median (m)"] == ["–", "40.0", "–"]
+    assert table["policy's velocity error, 95th percentile (m/s)"] == ["–", "0.300", "–"]
+    assert table["steps flown by the policy (%)"] == ["0.0", "100.0", "0.0"]
+    assert table["computing a control step (ms)"] == ["4.00", "0.12", "–"]
+
+
+def test_first_figures_are_few_and_told_good_or_bad() -> None:
+    rows = figure_rows(results(), ArrivalConfig())
+    first = [row for row in rows if row.group]
+    assert rows[: len(first)] == first
+    assert len(first) <= 10
+    good = {row.label: row.good for row in first}
+    # All, some, and none of 20 arrived; one of the second collided.
+    assert good["success (within 1 km, 1 m/s)"] == [True, None, False]
+    assert good["collisions"] == [True, False, True]
+    assert good["Δv (m/s)"] == [None] * 3
 
 
 def test_outcomes() -> None:
@@ -137,7 +149,7 @@ def test_evaluate_policies_side_by_side(evaluate, tmp_path: Path) -> None:
     names = ["mpc", "policy:a", "pd:a", "policy:b"]
     command = ("--controllers", ",".join(names), "--seed", 31)
     out = evaluate(*command, "--transits", 1)
-    found = json.loads((out / "results.json").read_text())
+    found = json.loads((out / "results.json").read_text())["controllers"]
     assert list(found) == names
     assert {flight["controller"] for flight in found["pd:a"]["flights"]} == {"pd:a"}
     assert found["policy:a"]["expert_pairs"] == 0
