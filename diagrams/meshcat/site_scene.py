@@ -19,8 +19,9 @@ _SIDES = 24
 def part_shown(scenario: Scenario) -> float | None:
     """How large the part of the body is in m that a touch without a transit shows; None: all."""
     task = scenario.task
-    near = isinstance(task, TouchAndGoConfig) and not task.transit
-    return task.descent.home_m if near else None
+    if not isinstance(task, TouchAndGoConfig) or task.transit:
+        return None
+    return task.descent.home_m
 
 
 def add_site(scene: Scene, scenario: Scenario) -> None:

@@ -1,5 +1,6 @@
 """Bodies of several forms, poses around them, and the frames that a lidar takes there."""
 
+import dataclasses as dc
 import functools
 from collections.abc import Callable
 
@@ -69,7 +70,7 @@ def measured(name: str, pose: tuple[np.ndarray, Rotation], seed: int, **errors: 
     """The frame of a pose, as the real lidar would take it."""
     place, turn = pose
     modelled = model(name)
-    wrong = LidarErrors(noise_std=modelled.noise_std, **errors)
+    wrong = dc.replace(LidarErrors(noise_std=modelled.noise_std), **errors)
     lidar = Lidar(body(name), wrong, modelled.geometry, seed=seed)
     quaternion = turn.as_quat(scalar_first=True)
     return evaluated(lidar, "ranges", position=place, attitude=quaternion)

@@ -24,6 +24,7 @@ from proxops.diagrams.meshcat.site_scene import add_site, part_shown
 from proxops.diagrams.scenario import (
     RigidBodyConfig,
     Scenario,
+    TouchAndGoConfig,
     arm_solids,
     dump_scenario,
     load_body,
@@ -204,17 +205,18 @@ def test_a_touch_shows_the_arm_the_corridor_and_what_is_near() -> None:
     scenario = load_scenario("bennu_touch_and_go")
     body = load_body("bennu")
     scenario = with_site(scenario, body)
-    near = part_shown(scenario)
-    assert near == scenario.task.descent.home_m
+    near, task = part_shown(scenario), scenario.task
+    assert isinstance(task, TouchAndGoConfig)
+    assert near == task.descent.home_m
     assert part_shown(load_scenario()) is None
     scene = Scene(typing.cast(typing.Any, lines := Lines()), body, near=near)
     add_site(scene, scenario)
     site = touch_site(scenario, body)
     ring = scene.unit * lines.starts[:, :24].T - site.position
     np.testing.assert_allclose(ring @ site.normal, 0.0, atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(ring, axis=1), scenario.task.descent.room_m)
-    rod, head = arm_solids(scenario.task)
-    assert head.corners[:, 2].min() == pytest.approx(-scenario.task.arm_m)
+    np.testing.assert_allclose(np.linalg.norm(ring, axis=1), task.descent.room_m)
+    rod, head = arm_solids(task)
+    assert head.corners[:, 2].min() == pytest.approx(-task.arm_m)
     assert rod.corners[:, 2].max() == pytest.approx(0.05)
 
 
