@@ -55,7 +55,7 @@ _PAGE = """
   #panel b {color: #ffffff; font-variant-numeric: tabular-nums; white-space: pre}
   #panel small {color: #99a0ae; font-size: 12px; margin-right: 4px}
   #panel i {font-style: normal}
-  #legend span {white-space: nowrap; margin-right: 14px}
+  #legend span {margin-right: 14px}
   #time {appearance: none; flex: 1; height: 10px; margin: 9px 0; border-radius: 3px}
   #time::-webkit-slider-thumb {appearance: none; width: 5px; height: 20px; background: #ffffff;
     border-radius: 2px; box-shadow: 0 0 3px #000000}
@@ -105,6 +105,13 @@ _PAGE = """
     viewer.controls.update();
     viewer.set_dirty();
   }
+  // Views fit a picture of 4:3 or wider; from farther away they fit a narrow one, as a phone's.
+  function see(name) {
+    const [eye, target] = flight.views[name];
+    const view = viewer.dom_element;
+    const away = Math.max((4 / 3) * view.clientHeight / view.clientWidth, 1);
+    look(eye.map((x, k) => target[k] + away * (x - target[k])), target);
+  }
   // Behind the spacecraft, the body before it; the wheel still sets the distance.
   let following = false;
   function follow() {
@@ -123,7 +130,7 @@ _PAGE = """
       for (const other of element("views").children) other.classList.toggle("on", other === button);
       following = name === "follow";
       if (following) look([1, 0, 0], [0, 0, 0]);
-      else look(...flight.views[name]);
+      else see(name);
     };
     element("views").append(button);
   }
@@ -156,7 +163,10 @@ _PAGE = """
   // A film calls it, too.
   function show() {
     if (!(animator.duration > 0)) return;
-    if (!lit) light();
+    if (!lit) {
+      light();
+      see(Object.keys(flight.views)[0]);
+    }
     slider.max = animator.duration;
     slider.value = animator.time;
     play.textContent = animator.playing ? "pause" : "play";
