@@ -32,7 +32,16 @@ from proxops.systems.common import generator, make_folder, write_whole
 from proxops.systems.shapes import Polyhedron, mesh_bytes
 
 # What says how errors are drawn, not how large they are.
-_NO_ERRORS = ("seed", "correlation", "latency", "mesh", "specific_impulse", "failed", "failure")
+_NO_ERRORS = (
+    "seed",
+    "correlation",
+    "latency",
+    "outage",
+    "mesh",
+    "specific_impulse",
+    "failed",
+    "failure",
+)
 # A fixed value of these is worse if it is smaller.
 _SMALLER_IS_WORSE = ("truth.specific_impulse_s",)
 # Of the boulders and craters: their number, their width (the radius at which 1/e of the height is
