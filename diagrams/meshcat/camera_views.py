@@ -75,8 +75,9 @@ def _best_azimuth(scene: Scene, points: np.ndarray) -> float:
         across = sample - sample.mean(axis=0)
         across = across - np.outer(across @ direction, direction)
         spread = np.sqrt(np.mean(np.sum(across**2, axis=1))) / radius
-        # The lidar's returns are on the side of the body that the spacecraft sees.
-        before = (sample @ direction).mean() / radius
+        # The lidar's returns are on the side of the body that the spacecraft sees. The way down to
+        # a place is seen from beside it.
+        before = 0.0 if scene.near else (sample @ direction).mean() / radius
         return float(seen + spread + before)
 
     return float(max(np.arange(0.0, 360.0, 15.0), key=score))
