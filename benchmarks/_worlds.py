@@ -32,16 +32,7 @@ from proxops.systems.common import generator, make_folder, write_whole
 from proxops.systems.shapes import Polyhedron, mesh_bytes
 
 # What says how errors are drawn, not how large they are.
-_NO_ERRORS = (
-    "seed",
-    "correlation",
-    "latency",
-    "outage",
-    "mesh",
-    "specific_impulse",
-    "failed",
-    "failure",
-)
+_NO_ERRORS = ("correlation", "mesh", "specific_impulse", "failure")
 # A fixed value of these is worse if it is smaller.
 _SMALLER_IS_WORSE = ("truth.specific_impulse_s",)
 # Of the boulders and craters: their number, their width (the radius at which 1/e of the height is
@@ -65,7 +56,8 @@ def _scaled(drawn: dict, usual: dict, times: float) -> dict:
         nominal = usual.get(key)
         if isinstance(value, dict):
             found[key] = _scaled(value, nominal or {}, times)
-        elif isinstance(value, str | bool | None) or any(part in key for part in _NO_ERRORS):
+        # A whole number says which, when or how many.
+        elif isinstance(value, str | int | None) or any(part in key for part in _NO_ERRORS):
             found[key] = value
         else:
             base = np.array(nominal)

@@ -91,9 +91,12 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], help="KEY=VALUE of the scenario")
     parser.add_argument("--minutes", type=float, default=np.inf, help="no new flight after it")
     asked = parser.parse_args()
+    if asked.failure is None:
+        fly_all(asked, asked.dispersions)
+        return
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "failures.yaml")
-        path.write_text(f"based_on: {asked.dispersions}\n{FAILURES.get(asked.failure, '')}")
+        path.write_text(f"based_on: {asked.dispersions}\n{FAILURES[asked.failure]}")
         fly_all(asked, str(path))
 
 
