@@ -93,13 +93,15 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
     relief = relief_of(boulders, body.shape)
     if any(relief):
         errors.relief_rms_m, errors.relief_correlation_m = relief
-    # It is estimated in flight, so a generous value costs little.
-    errors.attitude_deg = max(errors.attitude_deg, usual.attitude_deg)
+    craft = scenario.spacecraft
+    if not (isinstance(craft, RigidBodyConfig) and errors.attitude_deg):
+        # It is estimated in flight, so a generous value costs little. But near a body that is as
+        # round as a top, it is the star tracker that tells where the spacecraft is.
+        errors.attitude_deg = max(errors.attitude_deg, usual.attitude_deg)
     # A specific impulse that the scenario gives is told, too, because engines are known.
     impulse = dispersions.rms("truth.specific_impulse_s") or scenario.true_specific_impulse_s
     if impulse is not None:
         errors.propellant_s_per_m = 1.0 / (STANDARD_GRAVITY * impulse)
-    craft = scenario.spacecraft
     if isinstance(craft, RigidBodyConfig):
         noise = load_spacecraft(craft.model).noise
         white = settled_noise(noise, scenario.attitude_period_s, scenario.attitude_steps)

@@ -19,7 +19,7 @@ from proxops.systems.navigation._frame_kernel import (
 )
 from proxops.systems.navigation.estimate import BASE, MEASURED, SIZE, Estimate
 from proxops.systems.navigation.map_error import MapError
-from proxops.systems.navigation.relief import patterns, relief_rows
+from proxops.systems.navigation.relief import PATTERNS, relief_rows
 from proxops.systems.shapes import Polyhedron, RayFan, ray_caster
 
 
@@ -43,7 +43,7 @@ class FrameModel:
         self.shape, self.geometry, self.noise_std = shape, geometry, noise_std
         self.directions = geometry.directions
         self.map_error = map_error
-        rest = map_error.rest + map_error.relief**2  # One of them is 0.
+        rest = map_error.relief**2 or map_error.rest
         self._range_errors = RangeErrors(float(noise_std), float(rest), float(half_beam))
         self._farthest = geometry.max_range * 1.001
         self.normals = shape.normals
@@ -100,7 +100,7 @@ class FrameModel:
     ) -> Comparison:
         """A `Comparison` of K rays that meet points (K, 3), with coefficients (P,) of relief."""
         rows, residuals, variances = compared.rows, compared.residuals, compared.variances
-        like = rows[:, : patterns(self.map_error.modes)]
+        like = rows[:, :PATTERNS]  # Of position and attitude.
         found, usable = np.zeros_like(like), np.flatnonzero(variances < np.inf)
         if usable.size:
             std, correlation = self.map_error.relief, self.map_error.relief_correlation

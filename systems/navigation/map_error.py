@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from proxops.systems.common import Values, one_thread
-from proxops.systems.navigation.relief import patterns
+from proxops.systems.navigation.relief import PATTERNS
 from proxops.systems.shapes import Polyhedron, rigid_motions, vertex_normals
 
 # Points of the surface at which the smooth displacements are computed; between them they are
@@ -20,6 +20,8 @@ _POINTS = 1200
 _SHARE, _MOST = 0.985, 160
 # The truncation error is correlated between frames: the factor on its variance, as noise.
 _SEEN_AGAIN = 10.0
+# If the modes hold less than this share, what is left out is too large for noise: it is relief.
+_NEARLY_ALL = 0.95
 # Vertices interpolated at once: limits memory.
 _BLOCK = 20_000
 
@@ -39,7 +41,8 @@ class MapError:
         coefficients, which are independent, with variance 1.
       rest: m^2; the displacement beyond the M counts in each frame as noise of this variance.
       relief, relief_correlation: standard deviation and correlation length in m of what is too fine
-        to be estimated, such as boulders.
+        to be estimated, such as boulders, or much that the M leave out. It takes the place of
+        `rest`.
     """
 
     relief, relief_correlation = 0.0, 1.0
@@ -51,6 +54,8 @@ class MapError:
         if std > 0.0:
             table, share = _smooth_fields(shape, correlation)
             self.table, self.rest = std * table, _SEEN_AGAIN * std**2 * (1.0 - share)
+            if share < _NEARLY_ALL:
+                self.relief, self.relief_correlation = self._left_out, correlation
         self.modes = self.table.shape[1]
 
     def with_relief(self, std: float, correlation: float) -> MapError:
@@ -63,7 +68,6 @@ class MapError:
         made = copy.copy(self)
         made.std = math.hypot(self.std, std)
         made.relief, made.relief_correlation = math.hypot(std, self._left_out), correlation
-        made.rest = 0.0
         return made
 
     @classmethod
@@ -77,7 +81,7 @@ class MapError:
     @property
     def coefficients(self) -> int:
         """Number of the coefficients that a filter has to estimate: of modes, then of relief."""
-        return self.modes + (patterns(self.modes) if self.relief else 0)
+        return self.modes + (PATTERNS if self.relief else 0)
 
     @property
     def deviations(self) -> Values:

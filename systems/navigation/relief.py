@@ -2,8 +2,7 @@
 
 Boulders and the curvature of facets are too fine to be estimated. As noise that is new in each
 frame they would be averaged away, although a spacecraft that hovers sees the same stones for hours.
-What they do to an estimate is what they do to the quantities that a frame measures, and that is
-estimated: eq. 20 and 21 of docs/method/equations.md.
+What they do to the pose is estimated: eq. 20 and 21 of docs/method/equations.md.
 """
 
 from __future__ import annotations
@@ -13,25 +12,18 @@ import math
 import numpy as np
 
 from proxops.systems.common import Vectors3
-from proxops.systems.navigation.estimate import MEASURED, POSITION, Estimate
+from proxops.systems.navigation.estimate import POSITION, Estimate
 
-# Of the modes of the map's error, which come in order of their size, so many are told from relief:
-# many modes share what relief could be taken for.
-_MODES = 8
 # Rays by which the relief's likeness from ray to ray is computed, at most.
 _ENOUGH = 200
 # Over so many correlation lengths of way, half of what matters of the relief stays alike: the rays
 # meet other stones then. The other half changes at once, with the facets that the rays meet.
 _SEEN_AGAIN = 3.0
+PATTERNS = 6
+"""Number of the coefficients: relief looks like an error of position and attitude.
 
-
-def patterns(modes: int) -> int:
-    """Number of coefficients of the relief: one for each quantity that it could be taken for.
-
-    Those are what a range depends on, and the first of the `modes` of the map's error. Without the
-    latter, stones that are seen for long would be taken for a map that is wrong as a whole.
-    """
-    return MEASURED.size + min(modes, _MODES)
+It looks like one of the lidar and of the map, too. But where that had coefficients of its own,
+navigation on maps of surveys was overconfident."""
 
 
 def relief_rows(
@@ -40,11 +32,11 @@ def relief_rows(
     """What coefficients of the relief, independent and of variance 1, do to residuals.
 
     The relief is a random field along the normals with the covariance s^2 exp(-d^2 / (2 l^2)). Of
-    its heights at the points that the rays meet, those parts matter that look like an error of what
-    is measured.
+    its heights at the points that the rays meet, those parts matter that look like an error of the
+    pose.
 
     Args:
-      rows: (K, P) derivatives of the residuals by what it could be taken for: see `patterns`.
+      rows: (K, P) derivatives of the residuals by position and attitude.
       points: (K, 3) in m, where the rays meet the map.
       std, correlation: s and l in m.
 

@@ -150,6 +150,11 @@ def test_large_errors_of_attitude_add_up_within_limits(tmp_path: Path) -> None:
         "truth.phase_deg: {normal: 0.0, three_sigma: 12.0}\n"
     )
     assert told(tmp_path, text).attitude_deg == pytest.approx(5.0)
+    small = "truth.attitude.constant_deg: {normal: 0.0, three_sigma: 0.1}\n"
+    assert told(tmp_path, small).attitude_deg == 1.0
+    # Of a star tracker, that is taken as it is told.
+    rigid = told(tmp_path, small, "spacecraft=!RigidBody {}")
+    assert rigid.attitude_deg == pytest.approx(0.1 / 3.0)
     text = "truth.attitude.constant_deg: {normal: 0.0, three_sigma: 90.0}\n"
     with pytest.raises(InputError, match=r"attitude_deg of 30, and can expect at most 11"):
         told(tmp_path, text)
