@@ -37,8 +37,8 @@ from proxops.systems.gravity import Field
 from proxops.systems.rotation import SpinModel
 from proxops.systems.touch.sites import tangents
 
-# Of a leg's plan.
-_INTERVALS = 10
+INTERVALS = 10
+"""Of a leg's plan."""
 # What a metre and a centimetre a second off the end cost, and off a limit along the way, where
 # there is no plan without.
 _END_PRICE, _WAY_PRICE = 100.0, 1000.0
@@ -228,7 +228,7 @@ class DescentGuidance:
         Raises:
           SolverFailure: the solver fails.
         """
-        n = _INTERVALS
+        n = INTERVALS
         shares = np.linspace(0.0, 1.0, n + 1)[:, None]
         places = (1.0 - shares) * state[:3] + shares * target[:3]
         speeds = np.broadcast_to((target[:3] - state[:3]) / duration, places.shape)
@@ -255,13 +255,13 @@ class DescentGuidance:
         self, end: tuple[np.ndarray, np.ndarray], way: np.ndarray, least: np.ndarray
     ) -> np.ndarray:
         """The controls (3 N,) in units: exactly to the end, or as near to all limits as can be."""
-        size, most = 3 * _INTERVALS, self.thrust / (self.mass * self.unit)
+        size, most = 3 * INTERVALS, self.thrust / (self.mass * self.unit)
         for slack in (False, True):
             program = MathematicalProgram()
             u = program.NewContinuousVariables(size, "u")
             program.AddBoundingBoxConstraint(-most, most, u)
             program.AddQuadraticCost(
-                np.eye(size) * 2.0 / _INTERVALS, np.zeros(size), u, is_convex=True
+                np.eye(size) * 2.0 / INTERVALS, np.zeros(size), u, is_convex=True
             )
             ends, ways, count = u, u, len(least)
             (matrix, wanted), rows = end, way
