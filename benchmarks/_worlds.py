@@ -177,16 +177,14 @@ class FarOut:
                 return mean + math.copysign(multiple * three_sigma, uniform - 0.5)
             case HalfNormal(least, three_sigma):
                 return least + multiple * three_sigma
-            case Uniform(low, high):
-                return low + multiple * (high - low)
             case LogUniform(low, high):
                 return math.sqrt(low * high) * math.sqrt(high / low) ** multiple
+            case Uniform(low, high):
+                return low + multiple * (high - low)
+            case Fixed((same,)) if _is_number(same):
+                return same / multiple if self.main.key in _SMALLER_IS_WORSE else multiple * same
             case Choice(values):
                 return values[-1]
-            case Fixed(same) if not _is_number(same):
-                return same
-            case Fixed(same):
-                return same / multiple if self.main.key in _SMALLER_IS_WORSE else multiple * same
 
 
 def quantities(dispersions: Sequence[Dispersion]) -> list[FarOut]:

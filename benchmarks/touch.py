@@ -25,9 +25,11 @@ from proxops.diagrams.scenario import (
     Body,
     MissionConfig,
     Scenario,
+    dispersion_entries,
     load_body,
     load_scenario,
     with_site,
+    write_yaml,
 )
 from proxops.diagrams.surveys import run_mission
 from proxops.systems.common import InputError, generator, write_json
@@ -55,25 +57,21 @@ FIGURES = {
     "survey_delta_v_m_s": ("delta-v, survey (m/s)", 1.0),
 }
 # What goes wrong besides, as rows of dispersions. Only GM is told: that it is known so badly.
-FAILURES = {
-    "thruster": """
-truth.rigid_body.failed_thruster: {uniform: [0, 15]}
-truth.rigid_body.failure_time_s: {uniform: [0.0, 2000.0]}
-""",
-    "frames": """
-truth.lidar.outage_steps: {fixed: 15}  # 60 s
-truth.lidar.outage_from_step: {uniform: [0, 450]}
-""",
-    "boulder": """
-truth.boulders.lone_m: {fixed: 2.0}
-""",
-    "gravity": """
-truth.gravity: {uniform: [0.7, 1.3]}
-""",
-    "soft": """
-truth.ground.modulus_pa: {log_uniform: [2.0e+3, 1.0e+5]}
-truth.ground.friction: {uniform: [0.1, 1.0]}
-""",
+FAILURES: dict[str, dict[str, Any]] = {
+    "thruster": {
+        "truth.rigid_body.failed_thruster": {"uniform": [0, 15]},
+        "truth.rigid_body.failure_time_s": {"uniform": [0.0, 2000.0]},
+    },
+    "frames": {
+        "truth.lidar.outage_steps": 15,  # 60 s
+        "truth.lidar.outage_from_step": {"uniform": [0, 450]},
+    },
+    "boulder": {"truth.boulders.lone_m": 2.0},
+    "gravity": {"truth.gravity": {"uniform": [0.7, 1.3]}},
+    "soft": {
+        "truth.ground.modulus_pa": {"log_uniform": [2e3, 1e5]},
+        "truth.ground.friction": {"uniform": [0.1, 1.0]},
+    },
 }
 # How far beside the site the boulder's middle is, in m, at most, along each axis.
 BESIDE = 1.0
@@ -96,7 +94,8 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "failures.yaml")
-        path.write_text(f"based_on: {asked.dispersions}\n{FAILURES[asked.failure]}")
+        rows = dispersion_entries(asked.dispersions) | FAILURES[asked.failure]
+        path.write_text(write_yaml(rows))
         fly_all(asked, str(path))
 
 

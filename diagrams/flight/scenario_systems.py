@@ -44,6 +44,7 @@ from proxops.systems import (
     TransitProgram,
     WeightedProgram,
 )
+from proxops.systems.common import Vector3
 from proxops.systems.gravity import BodyField, Moon
 from proxops.systems.lidar import LidarWithMoons
 from proxops.systems.navigation import load_map
@@ -63,14 +64,9 @@ _ALONE, _CHECKED = 3.0, 1.5
 
 def make_mpc(scenario: Scenario, body: Body) -> ModelPredictiveController:
     """Makes the MPC that the scenario configures."""
-    craft, mpc = scenario.spacecraft, scenario.mpc
+    mpc = scenario.mpc
     field = PointMassField(body.gravity_field.mass) if mpc.point_mass else body.gravity_field
-    limits = FlightLimits(
-        mass=craft.mass_kg,
-        thrust=craft.thrust_limit_n,
-        speed=craft.speed_limit_m_s,
-        keep_out_semi_axes=body.keep_out_semi_axes + mpc.keep_out_margin_m,
-    )
+    limits = _limits(scenario, body.keep_out_semi_axes + mpc.keep_out_margin_m)
     horizon = Horizon(
         intervals=mpc.intervals,
         interval_growth=mpc.interval_growth,
@@ -190,15 +186,15 @@ def bounded_backup(scenario: Scenario, body: Body, bounds: AssuranceBounds) -> B
     Raises:
       InputError: see `BackupBraking`.
     """
-    craft = scenario.spacecraft
-    limits = FlightLimits(
-        mass=craft.mass_kg,
-        thrust=craft.thrust_limit_n,
-        speed=craft.speed_limit_m_s,
-        keep_out_semi_axes=body.keep_out_semi_axes,
-    )
-    period = scenario.control_period_s
+    limits, period = _limits(scenario, body.keep_out_semi_axes), scenario.control_period_s
     return BackupBraking(body.exact_field, body.spin_about_z, limits, bounds, period)
+
+
+def _limits(scenario: Scenario, keep_out_semi_axes: Vector3) -> FlightLimits:
+    craft = scenario.spacecraft
+    return FlightLimits(
+        craft.mass_kg, craft.thrust_limit_n, craft.speed_limit_m_s, keep_out_semi_axes
+    )
 
 
 def make_lidar(

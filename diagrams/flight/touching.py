@@ -98,8 +98,7 @@ class TouchMotion:
         arm = touching.arm._replace(place=touching.arm.place - off)
         parts = {name: (middle - off, edges) for name, (middle, edges) in touching.parts.items()}
         # As the plant of the flight: the momentum of its wheels is apart.
-        wheels = spacecraft.wheel_inertia * spacecraft.wheel_axes.T @ spacecraft.wheel_axes
-        inertia = spacecraft.inertia - wheels
+        inertia = spacecraft.bus_inertia
         self.craft = touching._replace(arm=arm, parts=parts, inertia=inertia)
         corners = [np.linalg.norm(np.abs(m) + 0.5 * e) for m, e in parts.values()]
         tip = float(np.linalg.norm(arm.place)) + arm.head_radius

@@ -135,27 +135,18 @@ def draw_surface(
     return surface
 
 
-def plot_equilibria(
-    field: BodyField,
-    spin: float,
-    title: str = "",
-    half_width: float | None = None,
-    count: int = 241,
-) -> Figure:
+def plot_equilibria(field: BodyField, spin: float, title: str = "", count: int = 241) -> Figure:
     """Draws the effective potential in the equatorial plane and the equilibria near it.
 
     Args:
       field: gravity field of a shape in K.
       spin: angular velocity about z in rad/s.
       title: title of the figure; if empty, it is the shape's name.
-      half_width: half the side of the drawn square in m; None: large enough for the body and the
-        equilibria.
       count: number of grid points along each side.
     """
     equilibria = find_equilibria(field, spin)
-    if half_width is None:
-        places = [field.shape.vertices, *(point.position[None] for point in equilibria)]
-        half_width = 1.3 * float(np.abs(np.concatenate(places)[:, :2]).max())
+    places = [field.shape.vertices, *(point.position[None] for point in equilibria)]
+    half_width = 1.3 * float(np.abs(np.concatenate(places)[:, :2]).max())
     figure = Figure(figsize=(8.6, 7.9), layout="constrained")
     ax = figure.subplots()
     cut = plane_cut(field, spin, half_width, "xy", count)

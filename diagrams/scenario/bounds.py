@@ -18,7 +18,7 @@ import numpy as np
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dispersions import BASE, Dispersion, Dispersions
-from proxops.diagrams.scenario.distributions import Fixed, Uniform
+from proxops.diagrams.scenario.distributions import Distribution, Fixed, Uniform
 from proxops.diagrams.scenario.keys import differing_values, value_at
 from proxops.diagrams.scenario.quantities import QUANTITIES, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
@@ -165,11 +165,11 @@ def _declared(dispersions: Dispersions) -> AssuranceBounds:
     return bounds_of_dispersions(dc.replace(dispersions, each=[*dispersions.each, *given]))
 
 
-def _ends_of(value: typing.Any) -> Fixed | Uniform:
+def _ends_of(value: typing.Any) -> Distribution:
     values = value if isinstance(value, list) else [value]
     if all(map(is_number, values)):
         return Uniform(min(values), max(values))
-    return Fixed(value)
+    return Fixed((value,))
 
 
 def bounds_of_dispersions(dispersions: Dispersions) -> AssuranceBounds:

@@ -177,8 +177,7 @@ class Dispersions:
         found = self._find(key)
         if found is None:
             return []
-        own = found.distribution
-        return [own.same] if isinstance(own, Fixed) else [*getattr(own, "values", ())]
+        return [*getattr(found.distribution, "values", ())]
 
     def check(self) -> None:
         """Checks that no value can be drawn that is beyond its limits.
@@ -298,10 +297,8 @@ def _with_each(
     distribution: Distribution, read: Callable[[typing.Any], typing.Any]
 ) -> Distribution:
     """The distribution with each value that a file gives one by one read anew."""
-    if isinstance(distribution, Fixed):
-        return Fixed(read(distribution.same))
     if isinstance(distribution, Choice):
-        return Choice(tuple(map(read, distribution.values)))
+        return dc.replace(distribution, values=tuple(map(read, distribution.values)))
     return distribution
 
 
@@ -315,9 +312,7 @@ def _types_of(key: str) -> tuple[typing.Any, ...]:
 def _check_values(key: str, distribution: Distribution) -> None:
     """Raises `InputError` if a value may be drawn that the scenario's key does not take."""
     options: typing.Sequence[typing.Any] = _types_of(key)
-    if isinstance(distribution, Fixed):
-        values = [distribution.same]
-    elif isinstance(distribution, Choice):
+    if isinstance(distribution, Choice):
         values = distribution.values
     else:
         values = [distribution.value(0.5)]

@@ -91,11 +91,8 @@ class Uniform:
 
 
 @dataclass(frozen=True)
-class LogUniform:
+class LogUniform(Uniform):
     """A positive value whose logarithm is uniform, from `low` to `high`."""
-
-    low: float
-    high: float
 
     def __post_init__(self) -> None:
         _check(self.low > 0.0, "log_uniform needs positive ends", [self.low, self.high])
@@ -104,10 +101,6 @@ class LogUniform:
     def value(self, uniform: float) -> float:
         """Gives the value at a share (0 to 1) of the distribution."""
         return self.low * (self.high / self.low) ** uniform
-
-    def bounds(self) -> tuple[float, float]:
-        """Gives the least and the greatest value."""
-        return self.low, self.high
 
     def rms(self, about: float) -> float:
         """Gives the root mean square of what a value differs by from `about`."""
@@ -141,29 +134,15 @@ class Choice:
         """Gives the root mean square of what a value differs by from `about`; None: no numbers."""
         if self.bounds() is None:
             return None
-        return math.sqrt(sum((value - about) ** 2 for value in self.values) / len(self.values))
+        off = math.hypot(*(value - about for value in self.values))
+        return off / math.sqrt(len(self.values))
 
 
-@dataclass(frozen=True)
-class Fixed:
-    """Always the same value."""
-
-    same: typing.Any
-
-    def value(self, uniform: float) -> typing.Any:
-        """Gives the value."""
-        return self.same
-
-    def bounds(self) -> tuple[float, float] | None:
-        """Gives the value twice; None if it is no number."""
-        return (self.same, self.same) if is_number(self.same) else None
-
-    def rms(self, about: float) -> float | None:
-        """Gives what the value differs by from `about`; None if it is no number."""
-        return abs(self.same - about) if is_number(self.same) else None
+class Fixed(Choice):
+    """Always the same value, the only one of `values`."""
 
 
-Distribution = Normal | HalfNormal | Uniform | LogUniform | Choice | Fixed
+Distribution = Normal | HalfNormal | Uniform | LogUniform | Choice
 
 KINDS = ("normal", "half_normal", "uniform", "log_uniform", "choice", "fixed")
 """Names of the distributions in a YAML file."""
@@ -198,7 +177,7 @@ def parse_distribution(entry: dict[str, typing.Any]) -> Distribution:
         if not isinstance(value, list):
             raise InputError(f"needs a list, choice: [value, value], got {value}")
         return Choice(tuple(value))
-    return Fixed(value)
+    return Fixed((value,))
 
 
 def finite_number(value: typing.Any, what: str) -> float:

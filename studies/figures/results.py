@@ -57,14 +57,6 @@ Text = Callable[[typing.Any, "Result"], str]
 """Shows a figure of a result."""
 
 
-class _Shown(typing.NamedTuple):
-    """How a field of `Result` is made, and its line in the table; with no label there is none."""
-
-    make: Callable[[_Flights], typing.Any]
-    label: str
-    text: Text
-
-
 # --- how figures are shown ------------------------------------------------------------------------
 
 
@@ -92,22 +84,43 @@ def _if_any(value: int, _: Result) -> str:
     return str(value) if value else DASH
 
 
+def _all_or_none(value: int, result: Result) -> bool | None:
+    return True if value == result.transits else None if value else False
+
+
+def _none(value: int, _: Result) -> bool:
+    return value == 0
+
+
 _WHOLE, _SECONDS, _RATIO = _fixed("d", 1), _fixed(".0f"), _fixed(".3f")
 _PERCENT, _MILLISECONDS = _fixed(".1f", 100.0), _fixed(".2f")
+
+
+class _Shown(typing.NamedTuple):
+    """How a field of `Result` is made, and its line in the table; with no label there is none."""
+
+    make: Callable[[_Flights], typing.Any]
+    label: str = ""
+    text: Text = _WHOLE
+    first: str = ""
+    """What the figure is about, if it is one of the first ten."""
+    good: Callable[[typing.Any, Result], bool | None] | None = None
+
 
 # --- how figures are made -------------------------------------------------------------------------
 
 
 def _figure(
-    make: Callable[[_Flights], typing.Any], label: str = "", text: Text = _WHOLE
+    make: Callable[[_Flights], typing.Any], *shown: typing.Any, **more: typing.Any
 ) -> typing.Any:
-    return dc.field(default=None, metadata={"shown": _Shown(make, label, text)})
+    """A figure; after what makes it, the fields of `_Shown`."""
+    return dc.field(default=None, metadata={"shown": _Shown(make, *shown, **more)})
 
 
 def _percentile(
-    name: str, percent: float, label: str = "", text: Text = _digits, group: str = "flown"
+    name: str, percent: float, label: str = "", text=_digits, group="flown", **more
 ) -> typing.Any:
-    return _figure(lambda each: percentile(each.values(name, group), percent), label, text)
+    return _figure(lambda each: percentile(each.values(name, group), percent), label, text, **more)
 
 
 def _mean(name: str, label: str = "", group: str = "flown") -> typing.Any:
@@ -118,34 +131,34 @@ def _mean(name: str, label: str = "", group: str = "flown") -> typing.Any:
     return _figure(make, label, _PERCENT)
 
 
-def _sum(name: str, label: str = "", text: Text = _WHOLE) -> typing.Any:
-    return _figure(lambda each: each.count(name), label, text)
+def _sum(name: str, label: str, text: Text = _WHOLE, **more) -> typing.Any:
+    return _figure(lambda each: each.count(name), label, text, **more)
 
 
 def _of_trials(
-    name: str, make: Callable[[int, int], typing.Any], label: str = "", text: Text = _interval
+    name: str, make: Callable[[int, int], typing.Any], label="", text=_interval, **more
 ) -> typing.Any:
-    return _figure(lambda each: make(each.count(name), len(each.flown)), label, text)
+    return _figure(lambda each: make(each.count(name), len(each.flown)), label, text, **more)
 
 
 def _clearance(percent: float, label: str) -> typing.Any:
     return _percentile("min_clearance_m", percent, label, _length)
 
 
-def _end(percent: float, label: str) -> typing.Any:
-    return _percentile("terminal_position_error_m", percent, label)
+def _end(percent: float, label: str, **more) -> typing.Any:
+    return _percentile("terminal_position_error_m", percent, label, **more)
 
 
-def _delta_v(percent: float, label: str) -> typing.Any:
-    return _percentile("delta_v_m_s", percent, label, group="arrived")
+def _delta_v(percent: float, label: str, **more) -> typing.Any:
+    return _percentile("delta_v_m_s", percent, label, group="arrived", **more)
 
 
-def _arrival(percent: float, label: str) -> typing.Any:
-    return _percentile("arrival_time_s", percent, label, _SECONDS, "arrived")
+def _arrival(percent: float, label: str, **more) -> typing.Any:
+    return _percentile("arrival_time_s", percent, label, _SECONDS, "arrived", **more)
 
 
-def _navigation(name: str, label: str = "", text: Text = _digits) -> typing.Any:
-    return _percentile(f"navigation_{name}", 50, label, text, "settled")
+def _navigation(name: str, label: str = "", text: Text = _digits, **more) -> typing.Any:
+    return _percentile(f"navigation_{name}", 50, label, text, "settled", **more)
 
 
 def _rate(successes: int, trials: int) -> Number:
@@ -178,26 +191,30 @@ class Result:
     # fmt: off
     transits: int = _figure(lambda each: len(each.flown))
     unflyable: int = _figure(lambda each: each.unflyable, "worlds that can't be flown", _if_any)
-    successes: int = _sum("success", "success (within {near})", _of_all)
+    successes: int = _sum("success", "success (within {near})", _of_all,
+                          first="success", good=_all_or_none)
     success_rate: Number = _of_trials("success", _rate)
     success_rate_interval: Interval = _of_trials("success", success_interval,
-                                                 "95 % interval of success")
+                                                 "95 % interval of success", first="success")
     success_rate_exact_interval: Interval = _of_trials("success", exact_interval,
                                                        "exact 95 % interval of success")
     success_shown_90: float = _of_trials("success", shown_success,
                                          "success, with 90 % confidence (%)",
                                          _fixed(".2f", 100.0))
-    successes_2km: int = _sum("success_2km", "success (within {wide})", _of_all)
+    successes_2km: int = _sum("success_2km", "success (within {wide})", _of_all,
+                              good=_all_or_none)
     success_rate_2km: Number = _of_trials("success_2km", _rate)
     success_rate_2km_interval: Interval = _of_trials("success_2km", success_interval,
                                                      "95 % interval of that")
-    collisions: int = _sum("collided", "collisions")
-    keep_out_violations: int = _sum("keep_out_violations", "keep-out violations")
+    collisions: int = _sum("collided", "collisions", first="safety", good=_none)
+    keep_out_violations: int = _sum("keep_out_violations", "keep-out violations",
+                                    first="safety", good=_none)
     min_clearance_m: Number = _clearance(0, "least clearance of the keep-out ellipsoid")
     min_clearance_m_p1: Number = _clearance(1, "least clearance, 1st percentile")
     min_clearance_m_p10: Number = _clearance(10, "least clearance, 10th percentile")
     min_clearance_m_median: Number = _clearance(50, "least clearance, median")
-    terminal_position_error_m_median: Number = _end(50, "distance to the goal at the end (m)")
+    terminal_position_error_m_median: Number = _end(50, "distance to the goal at the end (m)",
+                                                    first="accuracy")
     terminal_position_error_m_p90: Number = _end(90, "end error, 90th percentile (m)")
     terminal_position_error_m_p95: Number = _end(95, "end error, 95th percentile (m)")
     terminal_position_error_m_p99: Number = _end(99, "end error, 99th percentile (m)")
@@ -205,7 +222,7 @@ class Result:
     terminal_speed_m_s_max: Number = _percentile("terminal_speed_m_s", 100,
                                                  "end speed, greatest (m/s)")
     delta_v_m_s_mean: Number = _mean("delta_v_m_s", group="arrived")
-    delta_v_m_s_median: Number = _delta_v(50, "Δv (m/s)")
+    delta_v_m_s_median: Number = _delta_v(50, "Δv (m/s)", first="propellant")
     delta_v_m_s_p90: Number = _delta_v(90, "Δv, 90th percentile (m/s)")
     delta_v_99_m_s: Number = _delta_v(99, "Δv, 99th percentile (m/s)")
     delta_v_99_m_s_bound: Number = _figure(
@@ -214,13 +231,13 @@ class Result:
     delta_v_m_s_max: Number = _delta_v(100, "Δv, greatest (m/s)")
     expert_delta_v_ratio_median: Number = _figure(
         lambda each: each.ratio(lambda pairs: np.median(pairs[:, 0] / pairs[:, 1])),
-        "Δv over the MPC's", _RATIO)
+        "Δv over the MPC's", _RATIO, first="propellant")
     expert_delta_v_ratio: Number = _figure(
         lambda each: each.ratio(lambda pairs: np.divide(*pairs.sum(axis=0))),
         "Δv over the MPC's, of sums", _RATIO)
     expert_pairs: int | None = _figure(
         lambda each: None if each.pairs is None else len(each.pairs), "transits compared")
-    arrival_time_s_median: Number = _arrival(50, "time until arrival (s)")
+    arrival_time_s_median: Number = _arrival(50, "time until arrival (s)", first="time")
     arrival_time_s_p90: Number = _arrival(90, "time until arrival, 90th percentile (s)")
     arrival_time_s_p99: Number = _arrival(99, "time until arrival, 99th percentile (s)")
     arrival_time_s_max: Number = _arrival(100, "time until arrival, greatest (s)")
@@ -233,7 +250,7 @@ class Result:
     estimate_velocity_error_m_s_p95: Number = _percentile(
         "estimate_velocity_error_m_s_p95", 50, "policy's velocity error, 95th percentile (m/s)")
     navigation_position_error_m_median: Number = _navigation(
-        "position_error_m_median", "navigation, position error (m)")
+        "position_error_m_median", "navigation, position error (m)", first="navigation")
     navigation_position_error_m_p95: Number = _navigation(
         "position_error_m_p95", "navigation, its 95th percentile (m)")
     navigation_velocity_error_m_s_median: Number = _navigation(
@@ -252,7 +269,7 @@ class Result:
     mpc_solves: int = _sum("mpc_solves", "times that the MPC was solved")
     control_ms_mean: Number = _mean("control_ms_mean")
     control_ms_median: Number = _percentile(
-        "control_ms_median", 50, "computing a control step (ms)", _MILLISECONDS)
+        "control_ms_median", 50, "computing a control step (ms)", _MILLISECONDS, first="time")
     control_ms_p99: Number = _percentile(
         "control_ms_p99", 100, "control step, greatest p99 (ms)", _MILLISECONDS)
     # fmt: on
@@ -306,31 +323,8 @@ def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> Resul
 
 
 _SHOWN_FIELDS = [field for field in dc.fields(Result) if field.metadata]
-# What a stranger asks first.
-_FIRST = {
-    "success": ("successes", "success_rate_interval"),
-    "safety": ("collisions", "keep_out_violations"),
-    "propellant": ("delta_v_m_s_median", "expert_delta_v_ratio_median"),
-    "accuracy": ("terminal_position_error_m_median",),
-    "navigation": ("navigation_position_error_m_median",),
-    "time": ("arrival_time_s_median", "control_ms_median"),
-}
-
-
-def _all_or_none(value: int, result: Result) -> bool | None:
-    return True if value == result.transits else None if value else False
-
-
-def _none(value: int, _: Result) -> bool:
-    return value == 0
-
-
-_GOOD: dict[str, Callable[[typing.Any, Result], bool | None]] = {
-    "successes": _all_or_none,
-    "successes_2km": _all_or_none,
-    "collisions": _none,
-    "keep_out_violations": _none,
-}
+# What a stranger asks first, and all else.
+_GROUPS = ("success", "safety", "propellant", "accuracy", "navigation", "time", "")
 # By the start of a field's name.
 _NOTES = {
     "success_rate_interval": "Where no other is named, a figure is the median over flights. The "
@@ -405,22 +399,18 @@ def figure_rows(results: Results, arrival: ArrivalConfig) -> list[FigureRow]:
     Lines without a figure are left out.
     """
     limits = {"near": arrival_text(arrival), "wide": arrival_text(arrival, WIDE_ARRIVAL)}
-    groups = {name: group for group, names in _FIRST.items() for name in names}
-    order = [*groups, *(field.name for field in _SHOWN_FIELDS if field.name not in groups)]
-    shown = {field.name: field.metadata["shown"] for field in _SHOWN_FIELDS}
+    figures = [(field.name, field.metadata["shown"]) for field in _SHOWN_FIELDS]
     lines = []
-    for name in order:
-        _, label, text = shown[name]
-        if label:
+    for name, figure in sorted(figures, key=lambda each: _GROUPS.index(each[1].first)):
+        if figure.label:
             values = [(getattr(result, name), result) for result in results.values()]
-            cells = [DASH if value is None else text(value, result) for value, result in values]
+            cells = [DASH if each[0] is None else figure.text(*each) for each in values]
             good = [
-                _GOOD[name](value, result) if name in _GOOD and result.transits else None
-                for value, result in values
+                figure.good(*each) if figure.good and each[1].transits else None for each in values
             ]
             notes = [note for start, note in _NOTES.items() if name.startswith(start)]
-            row = FigureRow(groups.get(name, ""), label.format(**limits), cells, good, notes)
-            lines.append(row)
+            label = figure.label.format(**limits)
+            lines.append(FigureRow(figure.first, label, cells, good, notes))
     return [line for line in lines if any(cell != DASH for cell in line.cells)]
 
 

@@ -11,11 +11,13 @@ from proxops.systems.common import (
     Matrix3,
     Values,
     Vector3,
-    check_positive,
     cross_matrix,
     quaternion_inverse,
     quaternion_product,
 )
+
+# Of the closed loop: the natural frequency in rad/s, and the damping ratio.
+_FREQUENCY, _DAMPING = 0.15, 0.9
 
 
 def attitude_error(attitude: Values, reference: Values) -> Vector3:
@@ -60,23 +62,15 @@ class AttitudeControl(LeafSystem):
     and `disturbance` may remain open. The output depends on the inputs alone.
     """
 
-    def __init__(
-        self,
-        inertia: Matrix3,
-        wheel_axes: np.ndarray | None = None,
-        frequency: float = 0.15,
-        damping: float = 0.9,
-    ):
-        """Takes the inertia as believed (3, 3) in kg m^2, the wheels' axes (n, 3), and gains.
+    def __init__(self, inertia: Matrix3, wheel_axes: np.ndarray | None = None):
+        """Takes the inertia as believed (3, 3) in kg m^2, and the wheels' axes (n, 3).
 
         Args:
           inertia: of all of it, about its centre of mass.
           wheel_axes: unit vectors; None: no wheels.
-          frequency: natural frequency of the closed loop in rad/s. damping: its damping ratio.
         """
         super().__init__()
-        check_positive("AttitudeControl", frequency=frequency, damping=damping)
-        self.inertia, self.frequency, self.damping = inertia, frequency, damping
+        self.inertia = inertia
         self.wheel_axes = np.zeros((0, 3)) if wheel_axes is None else wheel_axes
         declare = self.DeclareVectorInputPort
         self._attitude_port = declare("attitude", 4)
@@ -96,7 +90,7 @@ class AttitudeControl(LeafSystem):
         wanted = self._reference_rate_port.Eval(context)
         # The reference rate is along the reference's axes; S is turned against them by the error.
         rate_error = rate - (wanted - cross_matrix(error) @ wanted)
-        torque = control_torque(error, rate_error, self.inertia, self.frequency, self.damping)
+        torque = control_torque(error, rate_error, self.inertia, _FREQUENCY, _DAMPING)
         momentum = self.inertia @ rate
         if len(self.wheel_axes):
             momentum = momentum + self._momentum_port.Eval(context) @ self.wheel_axes

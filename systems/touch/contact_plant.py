@@ -132,7 +132,6 @@ def make_contact_plant(
     craft: TouchCraft,
     ground: Ground | None = None,
     step: float = 0.01,
-    contact: str = "kLagged",
 ) -> Diagram:
     """The diagram of a spacecraft in contact; `place_craft` sets its state.
 
@@ -153,7 +152,7 @@ def make_contact_plant(
       surface: the ground near the place, in K. A patch of a map is enough, and quicker.
       field: gravity. spin: of the body; a number is in rad/s about z.
       craft: the spacecraft. ground: None: the defaults.
-      step: in s. contact: the approximation of Drake's `DiscreteContactApproximation`.
+      step: in s.
 
     Raises:
       InputError: the arm's spring is too hard for the step.
@@ -168,7 +167,7 @@ def make_contact_plant(
     builder = DiagramBuilder()
     plant, graph = AddMultibodyPlantSceneGraph(builder, step)
     plant.set_contact_model(ContactModel.kHydroelastic)
-    plant.set_discrete_contact_approximation(getattr(DiscreteContactApproximation, contact))
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     _add_ground(plant, surface, ground)
     bus, head = _add_craft(plant, craft, ground)

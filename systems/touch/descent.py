@@ -37,6 +37,8 @@ from proxops.systems.gravity import Field
 from proxops.systems.rotation import SpinModel
 from proxops.systems.touch.sites import tangents
 
+INTERVALS = 10
+"""Of a leg's plan."""
 # What a metre and a centimetre a second off the end cost, and off a limit along the way, where
 # there is no plan without.
 _END_PRICE, _WAY_PRICE = 100.0, 1000.0
@@ -112,14 +114,13 @@ class DescentGuidance:
         thrust: float,
         site: Site,
         descent: DescentConfig | None = None,
-        intervals: int = 10,
     ):
         """Builds the program.
 
         Args:
           field: the assumed gravity. spin: of the body, as assumed.
           mass: of the spacecraft in kg. thrust: the limit in N along each axis of K.
-          site: where to go. descent: None: the defaults. intervals: of a leg's plan.
+          site: where to go. descent: None: the defaults.
 
         Raises:
           InputError: the heights do not fall from home to the end.
@@ -129,7 +130,7 @@ class DescentGuidance:
         if sorted(heights, reverse=True) != heights:
             raise InputError(f"the heights of a descent must fall, got {heights}")
         self.field, self.spin, self.mass, self.thrust = field, spin, mass, thrust
-        self.site, self.intervals = site, intervals
+        self.site = site
         # Of the controls, so that they are numbers of order one.
         weight = float(np.abs(self.apparent_gravity(site.position, 0.0)).max())
         self.unit = max(weight, descent.speed_m_s / descent.contact_s)
@@ -227,7 +228,7 @@ class DescentGuidance:
         Raises:
           SolverFailure: the solver fails.
         """
-        n = self.intervals
+        n = INTERVALS
         shares = np.linspace(0.0, 1.0, n + 1)[:, None]
         places = (1.0 - shares) * state[:3] + shares * target[:3]
         speeds = np.broadcast_to((target[:3] - state[:3]) / duration, places.shape)
@@ -254,13 +255,13 @@ class DescentGuidance:
         self, end: tuple[np.ndarray, np.ndarray], way: np.ndarray, least: np.ndarray
     ) -> np.ndarray:
         """The controls (3 N,) in units: exactly to the end, or as near to all limits as can be."""
-        size, most = 3 * self.intervals, self.thrust / (self.mass * self.unit)
+        size, most = 3 * INTERVALS, self.thrust / (self.mass * self.unit)
         for slack in (False, True):
             program = MathematicalProgram()
             u = program.NewContinuousVariables(size, "u")
             program.AddBoundingBoxConstraint(-most, most, u)
             program.AddQuadraticCost(
-                np.eye(size) * 2.0 / self.intervals, np.zeros(size), u, is_convex=True
+                np.eye(size) * 2.0 / INTERVALS, np.zeros(size), u, is_convex=True
             )
             ends, ways, count = u, u, len(least)
             (matrix, wanted), rows = end, way

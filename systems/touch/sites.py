@@ -296,14 +296,7 @@ def place_near(shape: Polyhedron, position: Vector3, tolerance: float) -> tuple[
 
 def nearest_points(shape: Surface, position: Vector3) -> Vectors3:
     """Of each facet the point (F, 3) that is nearest to a position (3,)."""
+    import trimesh  # It is slow to import, so only when it is needed.
+
     corners = shape.vertices[shape.facets]
-    sides = np.roll(corners, -1, axis=1) - corners
-    arms = position - corners
-    share = np.einsum("fki,fki->fk", arms, sides) / np.einsum("fki,fki->fk", sides, sides)
-    on_sides = corners + np.clip(share, 0.0, 1.0)[:, :, None] * sides
-    which = np.linalg.norm(on_sides - position, axis=2).argmin(axis=1)
-    nearest = on_sides[np.arange(len(corners)), which]
-    inward = np.cross(shape.normals[:, None], sides)
-    over = (np.einsum("fki,fki->fk", inward, arms) >= 0.0).all(axis=1)
-    height = np.einsum("fi,fi->f", arms[:, 0], shape.normals)
-    return np.where(over[:, None], position - height[:, None] * shape.normals, nearest)
+    return trimesh.triangles.closest_point(corners, np.tile(position, (len(corners), 1)))

@@ -251,9 +251,10 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             self.start = start or RigidBodyStart(np.zeros(6))
             self.wheel_axes = np.zeros((0, 3)) if wheel_axes is None else np.array(wheel_axes)
             bus = self.inertia - wheel_inertia * self.wheel_axes.T @ self.wheel_axes
+            self.bus_inertia = check_inertia("RigidSpacecraft's bus", bus)
             self._constants = _Constants(
                 self.axis_point,
-                check_inertia("RigidSpacecraft's bus", bus),
+                self.bus_inertia,
                 np.linalg.inv(bus),
                 self.inertia,
                 self.wheel_axes,

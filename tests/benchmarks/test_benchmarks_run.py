@@ -19,18 +19,21 @@ from proxops.diagrams.scenario import load_scenario
 BENCHMARKS = ROOT / "benchmarks"
 
 ONE_FLIGHT = ["--transits", "1", "--workers", "1"]
+# Half as long as it would be.
+SHORT = ["transit.min_distance_m=1e4", "transit.max_distance_m=3e4", "arrival.dwell_s=100"]
+ONE_SHORT = [*ONE_FLIGHT, *(word for each in SHORT for word in ("--set", each))]
 
 # The smallest size that goes through all of a benchmark; the studies of closed_loop.py by name.
 RUNS = {
     "assurance": ["--flights", "4", "--steps", "30", "--bare", "1"],
     "assurance: end": ["--end", "50"],
-    "closed_loop: any_body": [*ONE_FLIGHT, "--bodies", "kleopatra", "--only", "policy"],
-    "closed_loop: assured": [*ONE_FLIGHT, "--controllers", "policy"],
-    "closed_loop: error_scale": [*ONE_FLIGHT, "--scales", "2"],
-    "closed_loop: expert": [*ONE_FLIGHT, "--only", "weighted"],
-    "closed_loop: hybrid": [*ONE_FLIGHT, "--only", "strict, 10"],
-    "closed_loop: one_at_a_time": [*ONE_FLIGHT, "--only", "truth.density_contrast x 1"],
-    "closed_loop: other_forms": [*ONE_FLIGHT, "--only", "boulders and craters"],
+    "closed_loop: any_body": [*ONE_SHORT, "--bodies", "kleopatra", "--only", "policy"],
+    "closed_loop: assured": [*ONE_SHORT, "--controllers", "policy"],
+    "closed_loop: error_scale": [*ONE_SHORT, "--scales", "2"],
+    "closed_loop: expert": [*ONE_SHORT, "--only", "weighted"],
+    "closed_loop: hybrid": [*ONE_SHORT, "--only", "strict, 10"],
+    "closed_loop: one_at_a_time": [*ONE_SHORT, "--only", "truth.density_contrast x 1"],
+    "closed_loop: other_forms": [*ONE_SHORT, "--only", "boulders and craters"],
     "closed_loop: schedule": [*ONE_FLIGHT, "--duration", "100"],
     "minimum_fuel": [*ONE_FLIGHT, "--intervals", "20"],
     "navigation": ["--only", "accuracy", "--bodies", "kleopatra", *ONE_FLIGHT],

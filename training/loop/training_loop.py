@@ -8,11 +8,9 @@ import time
 from collections.abc import Callable, Generator, Iterator, Sequence, Sized
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import torch
-from lightning.fabric import Fabric
-from lightning.fabric.loggers.tensorboard import TensorBoardLogger
 from torch import Tensor, nn
 
 from proxops.systems.common import InputError, Progress, derived_seed, make_folder, silent
@@ -26,6 +24,9 @@ from proxops.training.loop.training_history import (
     learning_rate,
     write_curves,
 )
+
+if TYPE_CHECKING:
+    from lightning.fabric import Fabric
 
 _WEIGHT_DECAY = 1e-4
 # The norm of a gradient is cut to this: through many steps of a recurrent network gradients grow.
@@ -325,6 +326,10 @@ def _size(batch: Any) -> int:
 
 def _fabric(device: str, precision: Any, task: TrainingTask, folder: Path) -> Fabric:
     """Lightning Fabric on a device, with TensorBoard's curves in `folder`/curves."""
+    # Twice as slow to import as torch, so only when something is trained.
+    from lightning.fabric import Fabric
+    from lightning.fabric.loggers.tensorboard import TensorBoardLogger
+
     make_folder(folder / "curves")
     logger = TensorBoardLogger(root_dir=folder / "curves", name=task.name, version="")
     try:

@@ -21,7 +21,7 @@ from proxops.systems import InputError
 SPIN = 2.0 * np.pi / (5.38528 * 3600.0)
 
 
-def reflown(log: FlightLog, rtol: float = 1e-10) -> np.ndarray:
+def reflown(log: FlightLog, rtol: float = 1e-8) -> np.ndarray:
     """States at the log's times from its first state and its forces, by SciPy."""
     times, forces = log.dataset["time"].values, log.dataset["force"].values
     mass = log.scenario.spacecraft.mass_kg

@@ -139,7 +139,7 @@ def test_a_mesh_lies_beside_its_file(tmp_path: Path) -> None:
     }
     assert found == {str(tmp_path / "a.obj"), None, "/b/c.obj"}
     [fixed] = load_dispersions(write(tmp_path, "truth.mesh: a.obj\n"))
-    assert fixed.distribution == Fixed(str(tmp_path / "a.obj"))
+    assert fixed.distribution == Fixed((str(tmp_path / "a.obj"),))
 
 
 # --- bad input ------------------------------------------------------------------------------------

@@ -227,7 +227,7 @@ UNIFORMS = (np.arange(100_000) + 0.5) / 100_000
         (LogUniform(0.5, 2.0), 1e-6),
         (LogUniform(2.0, 2.0), 1e-12),
         (Choice((1.0, 2.0, 5)), 1e-4),
-        (Fixed(3), 1e-12),
+        (Fixed((3,)), 1e-12),
     ],
 )
 @pytest.mark.parametrize("about", [0.0, 2.0])
@@ -240,4 +240,4 @@ def test_rms_is_that_of_the_values(distribution: Distribution, within: float, ab
 
 def test_texts_have_no_rms() -> None:
     assert Choice(("x", "y")).rms(0.0) is None
-    assert Fixed("x").rms(0.0) is None
+    assert Fixed(("x",)).rms(0.0) is None

@@ -9,6 +9,7 @@ from proxops.diagrams.scenario import load_body
 from proxops.systems.common import InputError
 from proxops.systems.rotation import SteadySpin
 from proxops.systems.touch.descent import (
+    INTERVALS,
     DescentConfig,
     DescentGuidance,
     Site,
@@ -35,7 +36,7 @@ def test_the_least_effort_of_a_double_integrator(pull: float) -> None:
     """Its forces are those of the least squares, with constant gravity in them."""
     guidance = over_a_plane(pull)
     start, target = np.array([3.0, -2, 60.0, 0, 0.01, 0]), np.array([0.0, 0, 20.0, 0, 0, -0.1])
-    duration, n = 500.0, guidance.intervals
+    duration, n = 500.0, INTERVALS
     force, states = guidance.plan(start, target, duration, 0.0)
     step = duration / n
     late = duration - step * (np.arange(n) + 0.5)
