@@ -105,7 +105,7 @@ docs: .venv/docs.stamp links notebooks
 
 # A page of this branch shows a list of versions. Versions that differ in fixes alone are one.
 version: docs
-	@NO_MKDOCS_2_WARNING=1 $(bin)/mike --quiet deploy --update-aliases \
+	@PATH="$(CURDIR)/$(bin):$$PATH" NO_MKDOCS_2_WARNING=1 $(bin)/mike --quiet deploy --update-aliases \
 	    "$$($(bin)/proxops --version | grep -o '[0-9]*\.[0-9]*' | head -n 1)" latest
 	@$(bin)/mike --quiet set-default latest
 
