@@ -244,7 +244,7 @@ def test_every_command_in_brief(
 def learn_by_ppo(folder: Path) -> None:
     """The example of PPO in brief: few transits, and few steps of learning."""
     code = named_block("ppo.py")
-    brief = {"(64)": "(4)", "128": "8", "1024": "32", "150_000": "32"}
+    brief = {"Transits(64)": "Transits(4)", "128": "8", "1024": "32", "500_000": "32"}
     for printed, less in brief.items():
         assert code.count(printed) == 1
         code = code.replace(printed, less)
