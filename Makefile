@@ -20,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
-.PHONY: help install fly lab test quick lint bench notebooks docs note results train gym clean links
+.PHONY: help install fly lab test quick lint bench notebooks docs version note results train gym clean links
 
 help:
 	@echo "make fly        install, and fly one transit with the hybrid into $(FLIGHT)"
@@ -32,6 +32,7 @@ help:
 	@echo "make bench      measure speed, beside other packages, into benchmarks/results.json"
 	@echo "make notebooks  run every notebook, into build/notebooks"
 	@echo "make docs       build the documentation into build/site, with the notebooks"
+	@echo "make version    build the documentation beside that of other versions, on the branch gh-pages"
 	@echo "make note       build the technical note, build/note.pdf"
 	@echo "make results    take $(REPRODUCTION)/results.json into docs, and write its tables"
 	@echo "make train      install what training needs (PyTorch)"
@@ -101,6 +102,12 @@ build/notebooks/%.ipynb: notebooks/%.ipynb $(wildcard */*/*.py) | .venv/notebook
 docs: .venv/docs.stamp links notebooks
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict
 	@echo "open build/site/index.html"
+
+# A page of this branch shows a list of versions. Versions that differ in fixes alone are one.
+version: docs
+	@PATH="$(CURDIR)/$(bin):$$PATH" NO_MKDOCS_2_WARNING=1 $(bin)/mike --quiet deploy --update-aliases \
+	    "$$($(bin)/proxops --version | grep -o '[0-9]*\.[0-9]*' | head -n 1)" latest
+	@$(bin)/mike --quiet set-default latest
 
 note: .venv/note.stamp
 	$(bin)/python docs/note/build.py

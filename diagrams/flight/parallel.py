@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import contextlib
 import dataclasses as dc
+import gc
 import multiprocessing
 import os
 import pickle
@@ -211,6 +212,7 @@ class _Process:
 
 def _serve(connection: Connection) -> None:
     """Does pieces of work until the process at the other end closes the connection, or ends."""
+    gc.freeze()  # Nothing that was imported is garbage; to look for it in each flight takes time.
     with contextlib.suppress(EOFError, OSError):
         while True:
             message = connection.recv_bytes()

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import typing
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dispersions import Dispersions
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
-from proxops.systems.mapping import Expected
+
+if typing.TYPE_CHECKING:
+    from proxops.systems.mapping import Expected
 
 # Of what is not dispersed, so much is still expected: shares, rad, and shares of the size.
 _LEAST = {
@@ -22,6 +25,8 @@ _LEAST = {
 
 def survey_errors(scenario: Scenario, body: Body) -> Expected:
     """Gives one standard deviation of what a survey may be wrong about: see `Expected`."""
+    from proxops.systems.mapping import Expected  # Slow to import, and few flights are surveys.
+
     dispersions = Dispersions.of(scenario, body)
 
     def rms(key: str) -> float:

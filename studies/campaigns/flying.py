@@ -15,7 +15,6 @@ from proxops.diagrams.flight import (
     named_controller,
     provenance,
 )
-from proxops.diagrams.new_body import scaled_scenario, write_generated_body
 from proxops.diagrams.scenario import (
     ArrivalConfig,
     Body,
@@ -157,6 +156,9 @@ def campaign_scenario(campaign: Campaign, scenario: Scenario, bodies: Path) -> S
 
     At another body the spacecraft is in proportion to it, as `proxops shape` scales it.
     """
+    # It imports matplotlib, which is slow, and each worker imports this module.
+    from proxops.diagrams.new_body import scaled_scenario, write_generated_body
+
     if campaign.body is None:
         return change_scenario(scenario, campaign.changes)
     path = Path(campaign.body)

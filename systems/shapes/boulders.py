@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 from scipy.spatial import KDTree
 
 from proxops.systems.common import (
@@ -152,6 +151,8 @@ def with_lone_boulder(shape: Polyhedron, width: float, towards: Vector3) -> Poly
         raise InputError(f"truth.boulders.lone_at_m: {shape.name} has no surface in this direction")
     normal = shape.normals[met.facets[0]]
     middle = (far - met.distances[0]) * out + (HEIGHT - 0.5) * width * normal
+    import trimesh  # It is slow to import, so only when it is needed.
+
     ball = trimesh.creation.icosphere(_BALL, 0.5 * width)
     parts = [(shape.vertices, shape.facets), (ball.vertices + middle, ball.faces)]
     return Polyhedron(*united(parts), shape.name)

@@ -212,6 +212,7 @@ def test_every_command_in_brief(
     for name in ("heavy.yaml", "my_controller.py", "my_pd.py", "my_world.yaml", "clone.py"):
         (working_folder / name).write_text(named_block(name))
     torch.save(run(named_block("clone.py"))["MODEL"].state_dict(), working_folder / "clone.pt")
+    learn_by_ppo(working_folder)
     shutil.copy(working_folder / "out" / "flight" / "flight.nc", working_folder / "episode.nc")
     contact_binary(500.0, 2).export(working_folder / "scan.stl")
     shutil.copytree(ROOT / "assets", working_folder / "assets")
@@ -247,6 +248,28 @@ def test_every_command_in_brief(
     assert len(rows) == 5
     for name in re.findall("`(.*?)`", " ".join(rows)):
         assert (working_folder / "out" / "evaluation" / name).exists()
+
+
+def learn_by_ppo(folder: Path) -> None:
+    """The example of PPO in brief: few transits, and few steps of learning."""
+    code = named_block("ppo.py")
+    brief = {"Transits(64)": "Transits(4)", "128": "8", "1024": "32", "500_000": "32"}
+    for printed, less in brief.items():
+        assert code.count(printed) == 1
+        code = code.replace(printed, less)
+    (folder / "ppo.py").write_text(code)
+    runpy.run_path("ppo.py", run_name="__main__")
+
+
+@pytest.mark.slow
+def test_what_ppo_learned_flies(working_folder: Path) -> None:
+    learn_by_ppo(working_folder)
+    short = settings({"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0})
+    words = ["--controllers", "ppo:make", "--transits", 1, *short, "--workers", 1]
+    assert proxops("evaluate", *words, "--out", "out/ppo") == 0
+    results = json.loads((working_folder / "out" / "ppo" / "results.json").read_text())
+    (flight,) = results["controllers"]["ppo:make"]["flights"]
+    assert 0.0 < flight["delta_v_m_s"] < 3 * 0.07 * 150.0
 
 
 @pytest.mark.slow

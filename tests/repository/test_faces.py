@@ -45,11 +45,14 @@ def test_no_exported_name_hides_a_module(name: str) -> None:
 
 def test_what_is_slow_to_import_waits_until_it_is_needed() -> None:
     """By the commands, which start without it; and PyTorch by all that flies and evaluates."""
-    slow = ["matplotlib", "onnxruntime", "scipy.stats", "torch"]
+    slow = ["matplotlib", "onnxruntime", "proxops.systems.mapping", "scipy.interpolate"]
+    slow += ["scipy.ndimage", "scipy.stats", "torch", "trimesh"]
     code = (
-        "import sys; from proxops.cli.main import COMMANDS, command; [*map(command, COMMANDS)]\n"
-        f"print([x for x in {slow} if x in sys.modules])\n"
+        "import gc, sys; from proxops.cli.main import COMMANDS, command\n"
+        f"[*map(command, COMMANDS)]; print([x for x in {slow} if x in sys.modules])\n"
+        "import proxops.studies.campaigns  # As each worker of `evaluate` does.\n"
+        "print('matplotlib' in sys.modules, gc.isenabled())\n"
         f"import {', '.join(WITHOUT_TORCH)}; print('torch' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout == "[]\nFalse\n"
+    assert run.stdout == "[]\nFalse True\nFalse\n"
