@@ -101,6 +101,7 @@ def test_stones_that_are_seen_for_long_do_not_tell_where_one_is() -> None:
     spin = np.array([0.0, 0.0, 4e-4])
     sigma = first_sigmas(ExpectedErrors(), spin, error.coefficients, 10.0, 0.0)
     place, off = np.array([0.0, 0.0, 370.0]), []
+    pose = np.r_[POSITION, ATTITUDE]
     hits = ray_caster(ball).first_hits(place, model.directions)
     met = hits.facets >= 0
     rays = model.directions[met]
@@ -117,6 +118,5 @@ def test_stones_that_are_seen_for_long_do_not_tell_where_one_is() -> None:
             estimate = corrected(model, estimate, ranges).estimate
         turned = Rotation.from_matrix(estimate.rotation).as_rotvec()
         errors = np.concatenate([estimate.mean[POSITION] - place, turned])
-        pose = np.r_[POSITION, ATTITUDE]
         off.append(errors @ np.linalg.solve(estimate.covariance[np.ix_(pose, pose)], errors))
     assert np.mean(off) < 1.4**2 * len(pose), f"{np.mean(off)}"
