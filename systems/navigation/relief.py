@@ -2,7 +2,7 @@
 
 Boulders and the curvature of facets are too fine to be estimated. As noise that is new in each
 frame they would be averaged away, although a spacecraft that hovers sees the same stones for hours.
-What they do to the pose is estimated: eq. 20 and 21 of docs/method/equations.md.
+What they do to the pose is estimated: docs/method/navigation.md, Relief.
 """
 
 from __future__ import annotations

@@ -143,6 +143,8 @@ def with_lone_boulder(shape: Polyhedron, width: float, towards: Vector3) -> Poly
     Raises:
       InputError: there is no direction, or no surface in it.
     """
+    import trimesh  # It is slow to import, so only when it is needed.
+
     length = float(np.linalg.norm(towards))
     out = np.asarray(towards) / (length or 1.0)
     far = 2.0 * float(np.linalg.norm(shape.vertices, axis=1).max())
@@ -151,8 +153,6 @@ def with_lone_boulder(shape: Polyhedron, width: float, towards: Vector3) -> Poly
         raise InputError(f"truth.boulders.lone_at_m: {shape.name} has no surface in this direction")
     normal = shape.normals[met.facets[0]]
     middle = (far - met.distances[0]) * out + (HEIGHT - 0.5) * width * normal
-    import trimesh  # It is slow to import, so only when it is needed.
-
     ball = trimesh.creation.icosphere(_BALL, 0.5 * width)
     parts = [(shape.vertices, shape.facets), (ball.vertices + middle, ball.faces)]
     return Polyhedron(*united(parts), shape.name)
