@@ -134,7 +134,7 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
       `attitude` (R_NS) and `angular_velocity` as known on board; `body_attitude` and
       `middle_attitude`, R_KS with the spin as believed, now and half a period later; and
       `commanded_force` and `commanded_thrust`, what the thrusters gave over the last control
-      period, as far as is known, together and all added up.
+      period, as far as is known, together and all added up, and `force_lead`, how early.
     """
     scenario, world = wiring.scenario, wiring.world
     settings = scenario.spacecraft
@@ -165,8 +165,9 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
     thrust = wiring.add("given_thrust", GivenForce(period, steps, 1))
     names = ("attitude", "angular_velocity", "body_attitude", "middle_attitude")
     outputs = {name: known.GetOutputPort(name) for name in names}
-    outputs["commanded_force"] = given.get_output_port()
-    return {**outputs, "commanded_thrust": thrust.get_output_port()}
+    outputs["commanded_force"] = given.GetOutputPort("mean")
+    outputs["force_lead"] = given.GetOutputPort("lead")
+    return {**outputs, "commanded_thrust": thrust.GetOutputPort("mean")}
 
 
 def add_actuation(

@@ -201,7 +201,7 @@ def diagram_of(
     sensed: Signals = {}
     if isinstance(craft, RigidSpacecraft):
         sensed = add_attitude_sensors(wiring, craft)
-        names = ("body_attitude", "commanded_force", "commanded_thrust")
+        names = ("body_attitude", "commanded_force", "commanded_thrust", "force_lead")
         true |= {name: sensed[name] for name in names}
     else:
         add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)

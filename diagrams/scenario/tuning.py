@@ -104,8 +104,9 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
         errors.propellant_s_per_m = 1.0 / (STANDARD_GRAVITY * impulse)
     if isinstance(craft, RigidBodyConfig):
         noise = load_spacecraft(craft.model).noise
-        white = settled_noise(noise, scenario.attitude_period_s, scenario.attitude_steps)
-        errors.attitude_noise_deg = math.degrees(white)
+        std, alike = settled_noise(noise, scenario.attitude_period_s, scenario.attitude_steps)
+        errors.attitude_noise_deg = math.degrees(std)
+        errors.attitude_noise_correlation_s = alike
         # Which thrusters push changes; what they have in common on the whole remains.
         across = dispersions.rms("truth.rigid_body.thruster_direction_std_deg") or 0.0
         varying = math.hypot(errors.thrust_varying, math.radians(across))

@@ -148,7 +148,7 @@ def _corrected(covariance, error, variance):
 
 
 @functools.lru_cache(maxsize=8)
-def settled_noise(noise: AttitudeNoise, period: float, steps: int) -> float:
+def settled_noise(noise: AttitudeNoise, period: float, steps: int) -> tuple[float, float]:
     """What a settled filter's attitude is like to those who take it once in some periods.
 
     A filter averages, so its errors are alike from one time to the next. With A = (1 - K H) F, what
@@ -157,8 +157,8 @@ def settled_noise(noise: AttitudeNoise, period: float, steps: int) -> float:
     Args: noise of the sensors; time in s from measurement to measurement; and the periods.
 
     Returns:
-      The standard deviation in rad, about each axis, of white noise whose mean over a long time is
-      as uncertain as that of the attitude.
+      The standard deviation in rad about each axis, and the time in s over which the correlation of
+      a Gauss-Markov process falls to 1/e whose mean over a long time is as uncertain.
     """
     now = prior = first_attitude(np.array([1.0, 0.0, 0.0, 0.0]), noise)
     for _ in range(_SETTLING):
@@ -170,8 +170,11 @@ def settled_noise(noise: AttitudeNoise, period: float, steps: int) -> float:
     gain = before[:, :1] / (before[0, 0] + noise.tracker**2)
     change = np.array([[1.0, -period], [0.0, math.exp(-period / DRIFT_TIME)]])
     alike = np.linalg.matrix_power((np.eye(2) - gain @ np.eye(1, 2)) @ change, steps)
-    total = after + 2.0 * np.linalg.solve(np.eye(2) - alike, alike @ after)
-    return math.sqrt(max(total[0, 0], after[0, 0]))
+    variance = after[0, 0]
+    # With such a process, the sum of the correlations on both sides is (1 + d) / (1 - d).
+    total = variance + 2.0 * np.linalg.solve(np.eye(2) - alike, alike @ after)[0, 0]
+    decay = max((total - variance) / (total + variance), 0.0)
+    return math.sqrt(variance), -period * steps / math.log(decay) if decay else 0.0
 
 
 class AttitudeFilter(LeafSystem):

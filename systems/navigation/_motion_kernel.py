@@ -20,6 +20,7 @@ from proxops.systems.rotation import SpinErrors
 _V, _A = layout.VELOCITY.start, layout.ATTITUDE.start
 _CONSTANT, _VARYING = layout.CONSTANT_ACCELERATION.start, layout.VARYING_ACCELERATION.start
 _SPIN, _CENTRE = layout.SPIN.start, layout.CENTRE_OF_MASS.start
+_TRACKER = layout.TRACKER.start
 _THRUST, _DIRECTION = layout.THRUST.start, layout.THRUST_DIRECTION.start
 _GRAVITY, _PROPELLANT, _SIZE, _BASE = (
     layout.GRAVITY,
@@ -60,6 +61,10 @@ class ProcessNoise(NamedTuple):
     """Factor on the varying acceleration."""
     varying: float
     """Variance that this acceleration gets, in m^2/s^4."""
+    kept: float
+    """Factor on the star tracker's error."""
+    tracker: float
+    """Variance that this error gets, and the attitude with it, in rad^2."""
 
 
 class _Middle(NamedTuple):
@@ -201,7 +206,7 @@ def _moved_covariance(covariance, f, noise):
     """The covariance after a step with its transition and noise: eq. 8.
 
     Of the transition, f (9, BASE) are the first nine rows. The others are the identity, but for the
-    decay of the varying acceleration.
+    decay of the varying acceleration and of the star tracker's error.
     """
     n = covariance.shape[0]
     rows = np.zeros((_CONSTANT, n))  # The first nine of f P.
@@ -213,21 +218,25 @@ def _moved_covariance(covariance, f, noise):
                 for j in range(n):
                     rows[i, j] += f[i, k] * covariance[k, j]
     out = covariance.copy()
-    for i in range(_VARYING, _VARYING + 3):
-        for j in range(_CONSTANT, n):
-            out[i, j] *= noise.decay
-            out[j, i] *= noise.decay
     for i in range(_CONSTANT):
         for j in range(_CONSTANT, n):
-            share = noise.decay if _VARYING <= j < _VARYING + 3 else 1.0
-            out[i, j] = out[j, i] = share * rows[i, j]
+            out[i, j] = out[j, i] = rows[i, j]
+    for first, decay in ((_VARYING, noise.decay), (_TRACKER, noise.kept)):
+        for i in range(first, first + 3):
+            for j in range(n):
+                out[i, j] *= decay
+                out[j, i] *= decay
+    for i in range(_CONSTANT):
         for j in range(i + 1):
             total = 0.0
             for k in range(_BASE):
                 total += rows[i, k] * f[j, k]
             out[i, j] = out[j, i] = total
     for i in range(3):
-        out[_A + i, _A + i] += noise.attitude
+        a, t = _A + i, _TRACKER + i
+        out[a, a] += noise.attitude + noise.tracker
+        out[t, t] += noise.tracker
+        out[a, t] = out[t, a] = out[a, t] + noise.tracker
         out[_VARYING + i, _VARYING + i] += noise.varying
     return out
 
@@ -310,11 +319,12 @@ def predict(estimate, gravity, force, step, noise, turning, mass):
         out[i] += 0.5 * step * v[i] + (by_start[i] + by_rate[i])
         out[3 + i] += by_start[3 + i] + by_rate[3 + i]
         out[_VARYING + i] *= noise.decay
+        out[_TRACKER + i] *= noise.kept
 
     # S follows K as believed, and K turns otherwise.
     drift = _along(errors.turn, off)
     for i in range(3):
-        drift[i] *= -step
+        drift[i] = (noise.kept - 1.0) * mean[_TRACKER + i] - step * drift[i]
     out_rotation = turned(rotation, drift)
 
     by = _derivative(
@@ -335,4 +345,5 @@ def predict(estimate, gravity, force, step, noise, turning, mass):
         for j in range(3):
             f[_A + i, _SPIN + j] = -step * errors.turn[i, j]
         f[_A + i, _A + i] = 1.0
+        f[_A + i, _TRACKER + i] = noise.kept - 1.0
     return out, out_rotation, _moved_covariance(covariance, f, noise)

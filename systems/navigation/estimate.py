@@ -30,7 +30,9 @@ SIZE = 29
 """True size of the body over that of the map, less 1."""
 LIDAR_BIAS, LIDAR_SCALE, HALF_BEAM = 30, 31, 32
 """Of all ranges: a length in m, a share, and half of the angle of the lidar's beams in rad."""
-BASE = 33
+TRACKER = slice(33, 36)
+"""Part of the attitude's error that is the star tracker's, which varies, in rad in K."""
+BASE = 36
 """Number of these quantities. After them come the coefficients of the map's error."""
 MEASURED = np.array([0, 1, 2, 6, 7, 8, SIZE, LIDAR_BIAS, LIDAR_SCALE, HALF_BEAM])
 """Those that a range depends on, besides the coefficients of the map's error."""
@@ -65,9 +67,11 @@ def first_estimate(
       sigma: (BASE + M,) standard deviations; see `first_sigmas`.
       spent: velocity change commanded so far in m/s.
     """
-    mean = np.zeros(sigma.size)
+    mean, covariance = np.zeros(sigma.size), np.diag(sigma**2)
     mean[POSITION] = position
-    return Estimate(mean, rotation, np.diag(sigma**2), spent)
+    part = np.diag(sigma[TRACKER] ** 2)
+    covariance[ATTITUDE, TRACKER] = covariance[TRACKER, ATTITUDE] = part
+    return Estimate(mean, rotation, covariance, spent)
 
 
 def first_sigmas(
@@ -92,11 +96,11 @@ def sigmas(expected: ExpectedErrors, spin: Vector3) -> Values:
       expected: one standard deviation of everything. spin: (3,) as believed at time 0, in rad/s.
     """
     sigma = np.zeros(BASE)
-    attitude, varying = map(math.radians, (expected.attitude_deg, expected.attitude_varying_deg))
+    parts = expected.attitude_deg, expected.attitude_varying_deg, expected.attitude_noise_deg
     pole, rate = math.radians(expected.pole_deg), float(np.linalg.norm(spin))
     along = np.square(spin / rate) if rate else np.array([0.0, 0.0, 1.0])
     for where, value in (
-        (ATTITUDE, np.hypot(attitude, varying)),
+        (ATTITUDE, math.hypot(*map(math.radians, parts))),
         (CONSTANT_ACCELERATION, expected.acceleration_m_s2),
         (VARYING_ACCELERATION, expected.acceleration_varying_m_s2),
         (GRAVITY, expected.gravity),
@@ -109,6 +113,7 @@ def sigmas(expected: ExpectedErrors, spin: Vector3) -> Values:
         (LIDAR_BIAS, expected.lidar_bias_m),
         (LIDAR_SCALE, expected.lidar_scale),
         (HALF_BEAM, expected.half_beam),
+        (TRACKER, math.radians(expected.attitude_noise_deg)),
     ):
         sigma[where] = value
     return sigma

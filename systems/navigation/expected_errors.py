@@ -20,8 +20,9 @@ class ExpectedErrors:
     # Of a part of it that varies, and the time over which its correlation falls to 1/e.
     attitude_varying_deg: float = number(0.0, at_least=0.0, at_most=11.0, unit="degrees")
     attitude_correlation_s: float = number(3600.0, at_least=1e-2, at_most=LONG, unit="s")
-    # Of what is independent from frame to frame in an attitude that is measured, about each axis.
+    # Of the noise of an attitude that is measured, about each axis, and that time of it.
     attitude_noise_deg: float = number(0.0, at_least=0.0, at_most=11.0, unit="degrees")
+    attitude_noise_correlation_s: float = number(10.0, at_least=1e-2, at_most=LONG, unit="s")
     # Of the direction of the spin axis.
     pole_deg: float = number(0.0, at_least=0.0, at_most=90.0, unit="degrees")
     # Of the spin rate, over the rate.

@@ -82,8 +82,9 @@ class LidarNavigation(LeafSystem):
     ranges (planes * rays) ───►│ LidarNavigation ├─► state (6), m and m/s, K; NaN: it has none
     commanded_force (3), N, S ►│                 ├─► attitude (4), R_KS
     commanded_thrust (1), N ──►│                 │
-    body_attitude (4), R_KS ──►│                 ├─► covariance (81)
-    outside_force (1), N ─────►│                 ├─► record (5)
+    force_lead (3), N s^2, S ─►│                 ├─► covariance (81)
+    body_attitude (4), R_KS ──►│                 ├─► record (5)
+    outside_force (1), N ─────►│                 │
                                └─────────────────┴─► return_use (planes * rays)
     ```
 
@@ -100,7 +101,8 @@ class LidarNavigation(LeafSystem):
 
     `commanded_force` is the command along the spacecraft's own axes S that was held over the last
     period; `commanded_thrust` is the sum of the forces of all thrusters, which use up propellant.
-    It may remain open: then there are thrusters along the axes of S. `attitude` is the rotation of
+    It may remain open: then there are thrusters along the axes of S; and so may `force_lead`, how
+    early in the period the force acted: see `GivenForce`. `attitude` is the rotation of
     S against K as a unit quaternion (w, x, y, z). `covariance` is that of position (m), velocity
     (m/s) and of a rotation vector of S in K (rad), row by row. `record` has: root mean square of
     the residuals (m), returns used, returns rejected, normalised innovation squared over the
@@ -158,6 +160,7 @@ class LidarNavigation(LeafSystem):
         self._ranges_port = self.DeclareVectorInputPort("ranges", geometry.size)
         self._force_port = self.DeclareVectorInputPort("commanded_force", 3)
         self._thrust_port = self.DeclareVectorInputPort("commanded_thrust", 1)
+        self._lead_port = self.DeclareVectorInputPort("force_lead", 3)
         self._body_port = self.DeclareVectorInputPort("body_attitude", 4)
         self._outside_port = self.DeclareVectorInputPort("outside_force", 1)
         self._memory = self.DeclareDiscreteState(self._packed(self._navigator.start()))
@@ -214,13 +217,16 @@ class LidarNavigation(LeafSystem):
         navigator = self._navigator
         if self._body_port.HasValue(context):
             navigator = navigator.with_axes(self._body_axes(context))
-        thrust = None
+        thrust = lead = None
         if self._thrust_port.HasValue(context):
             thrust = float(self._thrust_port.Eval(context)[0])
+        if self._lead_port.HasValue(context):
+            lead = self._lead_port.Eval(context)
         outside = 0.0
         if self._outside_port.HasValue(context):
             outside = float(self._outside_port.Eval(context)[0])
-        value.set_value(navigator.step(memory, ranges, force, context.get_time(), thrust, outside))
+        time = context.get_time()
+        value.set_value(navigator.step(memory, ranges, force, time, thrust, outside, lead))
 
     def _body_axes(self, context) -> Matrix3:
         return rotation_matrix(self._body_port.Eval(context))
@@ -283,9 +289,9 @@ class LidarNavigation(LeafSystem):
         return Memory(estimate, held, int(contradictions), NavigationPhase(int(phase)), attitude)
 
     def _parts(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Views of a vector: forces (D + 1, 4), mean (n,) and covariance (n, n)."""
-        n, mean = self._size, _HEAD + 4 * (self.frame_delay + 1)
-        forces = vector[_HEAD:mean].reshape(-1, 4)
+        """Views of a vector: forces (D + 1, 7), mean (n,) and covariance (n, n)."""
+        n, mean = self._size, _HEAD + 7 * (self.frame_delay + 1)
+        forces = vector[_HEAD:mean].reshape(-1, 7)
         return forces, vector[mean : mean + n], vector[mean + n :].reshape(n, n)
 
 

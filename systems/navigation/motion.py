@@ -75,12 +75,23 @@ class Motion:
                 local,
                 force,
                 step,
-                self._noise(step, steps, self._uneven(middle, local.acceleration) + pushed**2),
+                self._noise(step, self._uneven(middle, local.acceleration) + pushed**2),
                 self._turning(time + (k + 0.5) * step, step),
                 self.mass,
             )
             estimate = Estimate(*moved, estimate.spent + spent)
         return estimate
+
+    def with_lead(self, estimate: Estimate, lead: Vector3, time: float) -> Estimate:
+        """The estimate at a time in s, after a period in which the force acted early.
+
+        What it moved the spacecraft by more has turned the velocity, too, as Coriolis' acceleration
+        does. `lead` is (3,) in N s^2 along the axes of S: see `GivenForce`.
+        """
+        mean, farther = estimate.mean.copy(), estimate.rotation @ lead / self.mass
+        mean[POSITION] += farther
+        mean[VELOCITY] -= 2.0 * np.cross(self.spin.angular_velocity(time), farther)
+        return estimate._replace(mean=mean)
 
     def _turning(self, middle: float, step: float) -> Turning:
         """How the body turns in a step of a length about a time in s."""
@@ -109,19 +120,20 @@ class Motion:
         ratio = shift * self._half_length / float(position @ position)
         return float(gravity @ gravity) * ratio**2 / 3.0
 
-    def _noise(self, step: float, steps: int, unmodelled: float) -> ProcessNoise:
-        """The process noise of a step of a length in s, one of so many from frame to frame.
+    def _noise(self, step: float, unmodelled: float) -> ProcessNoise:
+        """The process noise of a step of a length in s.
 
         `unmodelled` is the variance in (m/s^2)^2 of what is added to the acceleration that varies.
         """
         expected = self._expected
         decay = math.exp(-step / expected.acceleration_correlation_s)
         attitude = math.radians(expected.attitude_varying_deg)
-        # Two errors, that of a frame and that of the next, are in the difference.
-        noise = 2.0 * math.radians(expected.attitude_noise_deg) ** 2 / steps
         varying = expected.acceleration_varying_m_s2**2 + unmodelled
+        kept = math.exp(-step / expected.attitude_noise_correlation_s)
         return ProcessNoise(
-            2.0 * attitude**2 * step / expected.attitude_correlation_s + noise,
+            2.0 * attitude**2 * step / expected.attitude_correlation_s,
             decay,
             varying * (1.0 - decay**2),
+            kept,
+            math.radians(expected.attitude_noise_deg) ** 2 * (1.0 - kept**2),
         )

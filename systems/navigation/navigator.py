@@ -90,7 +90,8 @@ class Memory(NamedTuple):
     estimate: Estimate | None
     """At the last frame's time; None: there is none."""
     forces: np.ndarray
-    """(D + 1, 4) commanded forces in N of the last periods, the oldest first, and thrust in N."""
+    """(D + 1, 7) of the last periods, the oldest first: commanded force and thrust in N, and lead
+    in N s^2."""
     contradictions: int
     """Number of frames in a row that contradicted the prediction, or that no place explained."""
     phase: NavigationPhase
@@ -150,7 +151,7 @@ class Navigator:
 
     def start(self) -> Memory:
         """The memory before the first frame."""
-        forces = np.zeros((self._delay + 1, 4))
+        forces = np.zeros((self._delay + 1, 7))
         return Memory(None, forces, 0, NavigationPhase.ACQUIRING, np.eye(3))
 
     def with_axes(self, axes: Matrix3) -> Navigator:
@@ -167,6 +168,7 @@ class Navigator:
         time: float,
         thrust: float | None = None,
         outside: float = 0.0,
+        lead: Vector3 | None = None,
     ) -> Step:
         """Uses the frame that arrives at a time.
 
@@ -179,10 +181,12 @@ class Navigator:
             propellant; None: there are thrusters along the axes of S.
           outside: N, a force from outside in that period: how long it acted, and whereto, is not
             known.
+          lead: (3,) in N s^2 along the axes of S, of the force in that period: see `GivenForce`;
+            None: it was constant.
         """
         if thrust is None:
             thrust = sum(map(abs, force.tolist()))
-        push = np.append(force, thrust)
+        push = np.concatenate([force, [thrust], np.zeros(3) if lead is None else lead])
         if memory.phase == NavigationPhase.FOLLOWING and not self.model.map_error.coefficients:
             # Matrices too small for threads.
             return self._stepped(memory, ranges, push, time, outside)
@@ -214,8 +218,11 @@ class Navigator:
         return Step(now, memory, correction)
 
     def _predicted(self, estimate: Estimate, push: np.ndarray, begun: float) -> Estimate:
-        """The estimate after a period under a force and a thrust (4,) in N."""
-        moved = self.motion.predicted(estimate, push[:3], begun, self._period, float(push[3]))
+        """The estimate after a period under a row (7,) of `Memory.forces`."""
+        force, thrust, lead = push[:3], float(push[3]), push[4:]
+        moved = self.motion.predicted(estimate, force, begun, self._period, thrust)
+        if lead.any():
+            moved = self.motion.with_lead(moved, lead, begun + self._period)
         error = self.model.map_error
         if not error.relief:
             return moved

@@ -103,6 +103,7 @@ def test_numbers_of_before_survey() -> None:
         "attitude_varying_deg": 0.02 / 3.0,
         "attitude_correlation_s": 3600.0,
         "attitude_noise_deg": 0.0,
+        "attitude_noise_correlation_s": 10.0,
         "pole_deg": 1.0 / 3.0,
         "spin": 1e-5 / 3.0,
         "gravity": 0.11 / 3.0,

@@ -207,14 +207,17 @@ def test_a_fresh_hold_gives_a_sample_in_the_instant_in_which_it_is_taken():
         assert hold.get_output_port().Eval(context) == value
 
 
-def test_the_given_force_is_the_mean_of_a_control_period():
+def test_the_given_force_is_the_mean_of_a_control_period_and_how_early_it_was():
     given_force = GivenForce(2.0, 5)
     context = given_force.CreateDefaultContext()
     forces = np.random.default_rng(1).normal(size=(11, 3))
     for k, force in enumerate(forces):
         context.SetTime(2.0 * k)
         if k in (5, 10):
-            found = given_force.get_output_port().Eval(context)
+            found = given_force.GetOutputPort("mean").Eval(context)
             np.testing.assert_allclose(found, forces[k - 5 : k].mean(axis=0))
+            # Of periods of 2 s, the middles of all five are so long before that of the whole.
+            lead = 2.0 * np.array([4.0, 2.0, 0.0, -2.0, -4.0]) @ forces[k - 5 : k]
+            np.testing.assert_allclose(given_force.GetOutputPort("lead").Eval(context), lead)
         given_force.get_input_port().FixValue(context, force)
         context.SetDiscreteState(given_force.EvalUniquePeriodicDiscreteUpdate(context))

@@ -127,12 +127,14 @@ def test_the_filter_knows_how_wrong_it_is():
 
 @pytest.mark.slow
 def test_errors_that_are_alike_count_as_more_noise():
-    """The mean of the errors at each tenth step: what white noise would have to be for it."""
+    """The mean of the errors at each tenth step, beside that of such a Gauss-Markov process."""
     means = []
     for seed in range(40):
         errors = np.array([error[:3] for error, _ in _run(1000 + seed, 400)[100::10]])
         means.append(math.sqrt(len(errors)) * errors.mean(axis=0))
-    white = settled_noise(NOISE, 1.0, 10)
+    std, alike = settled_noise(NOISE, 1.0, 10)
+    decay = math.exp(-10.0 / alike)
+    white = std * math.sqrt((1.0 + decay) / (1.0 - decay))
     assert np.std(means) == pytest.approx(white, rel=0.2)
 
 

@@ -27,8 +27,11 @@ from proxops.systems.navigation.estimate import (
     SPIN,
     THRUST,
     THRUST_DIRECTION,
+    TRACKER,
     VARYING_ACCELERATION,
     VELOCITY,
+    first_estimate,
+    first_sigmas,
 )
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.shapes import Polyhedron
@@ -235,6 +238,36 @@ def test_what_varies_reaches_its_variance() -> None:
     np.testing.assert_allclose(np.sqrt(np.diag(found)[ATTITUDE]), walked, rtol=1e-9)
     # What is not disturbed stays known.
     assert not np.diag(found)[GRAVITY:].any()
+
+
+def test_the_noise_of_the_star_tracker_does_not_add_up() -> None:
+    """An attitude that is known but for it stays as uncertain, and forgets how it was off."""
+    predicts = motion(attitude_noise_deg=math.degrees(1e-4), attitude_noise_correlation_s=30.0)
+    given = first_estimate(np.array([200e3, 0.0, 0.0]), np.eye(3), first_sigmas(
+        ExpectedErrors(attitude_deg=0.0, attitude_noise_deg=math.degrees(1e-4)),
+        np.zeros(3), MODES, 0.0, 0.0,
+    ))  # fmt: skip
+    given.mean[TRACKER] = [2e-4, -1e-4, 3e-4]
+    found = stepped(given, 9, predicts)
+    for part in (ATTITUDE, TRACKER):
+        np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)[part]), 1e-4, rtol=1e-9)
+    np.testing.assert_allclose(found.mean[TRACKER], math.exp(-3.0) * given.mean[TRACKER])
+    turned = Rotation.from_matrix(found.rotation).as_rotvec()
+    np.testing.assert_allclose(turned, (math.exp(-3.0) - 1.0) * given.mean[TRACKER], rtol=1e-3)
+
+
+def test_when_in_a_period_the_force_acted() -> None:
+    """Two halves with forces of their own, beside their mean and how early it acted."""
+    halves = FORCE + np.array([[4.0, 2.0, -1.0], [-4.0, -2.0, 1.0]])
+    predicts, right = motion(), estimate()
+    for k, force in enumerate(halves):
+        right = predicts.predicted(right, force, START + 10.0 * k, 10.0, PUSH)
+    lead = 10.0**2 * 0.5 * (halves[0] - halves[1])
+    mean = predicts.predicted(estimate(), FORCE, START, 20.0, PUSH)
+    found = predicts.with_lead(mean, lead, START + 20.0)
+    for part, share in ((POSITION, 0.1), (VELOCITY, 0.2)):
+        before = np.linalg.norm(mean.mean[part] - right.mean[part])
+        assert np.linalg.norm(found.mean[part] - right.mean[part]) < share * before
 
 
 def test_a_white_push_moves_as_known() -> None:
