@@ -26,12 +26,13 @@ THRUST, THRUST_DIRECTION = slice(22, 25), slice(25, 28)
 """True force along each axis of S over the commanded one, less 1; rotation of these axes, rad."""
 PROPELLANT = 28
 """Share of the mass at the start that each m/s of commanded velocity change uses up, in s/m."""
-SIZE = 29
-"""True size of the body over that of the map, less 1."""
-LIDAR_BIAS, LIDAR_SCALE, HALF_BEAM = 30, 31, 32
-"""Of all ranges: a length in m, a share, and half of the angle of the lidar's beams in rad."""
-TRACKER = slice(33, 36)
+TRACKER = slice(29, 32)
 """Part of the attitude's error that is the star tracker's, which varies, in rad in K."""
+# From here on: what a range depends on besides the pose, in the order of the frame kernel.
+SIZE = 32
+"""True size of the body over that of the map, less 1."""
+LIDAR_BIAS, LIDAR_SCALE, HALF_BEAM = 33, 34, 35
+"""Of all ranges: a length in m, a share, and half of the angle of the lidar's beams in rad."""
 BASE = 36
 """Number of these quantities. After them come the coefficients of the map's error."""
 MEASURED = np.array([0, 1, 2, 6, 7, 8, SIZE, LIDAR_BIAS, LIDAR_SCALE, HALF_BEAM])
