@@ -6,33 +6,26 @@ body.
 
 from __future__ import annotations
 
+import copy
 import dataclasses as dc
 import functools
 import math
-from typing import TypeVar
 
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dispersions import Dispersions
+from proxops.diagrams.scenario.keys import set_value
 from proxops.diagrams.scenario.quantities import QUANTITIES
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
 from proxops.diagrams.scenario.sunlit import greatest_by_sun
 from proxops.systems.attitude import settled_noise
 from proxops.systems.common import LONG, InputError, limits_of
 from proxops.systems.gravity import GravityField, greatest_tide
 from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig, shift_of_centre
-from proxops.systems.shapes import BouldersConfig, Polyhedron, relief_of
-from proxops.systems.vehicle import (
-    STANDARD_GRAVITY,
-    ForceNoiseConfig,
-    KicksConfig,
-    RandomWalkDisturbanceConfig,
-)
-
-_Drawn = ForceNoiseConfig | KicksConfig | RandomWalkDisturbanceConfig | BouldersConfig
-_Section = TypeVar("_Section", ForceNoiseConfig, KicksConfig, RandomWalkDisturbanceConfig)
+from proxops.systems.shapes import Polyhedron, relief_of
+from proxops.systems.vehicle import STANDARD_GRAVITY
 
 # The default of surface_correlation_m is for this greatest extent in m, Kleopatra's.
 _SIZE = 218.864e3
@@ -43,6 +36,8 @@ _USUAL_COMMAND = 0.05
 # its root mean square, which no world exceeds. A surface that is rougher than declared makes the
 # filter overconfident; a smoother one costs little.
 _ROUGHER = 3.0
+# Sections whose dispersed values are taken as they are, not as errors.
+_AS_DISPERSED = ("disturbance.", "force_noise.", "kicks.", "truth.boulders.")
 
 
 def filter_tuning(scenario: Scenario, body: Body) -> ExpectedErrors:
@@ -87,10 +82,8 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
             setattr(errors, name, math.hypot(*found))
     # Most worlds have a smoother surface, but some one that is nearly as rough.
     errors.surface_rms_m *= _ROUGHER
-    boulders = dc.replace(
-        BouldersConfig(), **_drawn(dispersions, "truth.boulders", BouldersConfig())
-    )
-    relief = relief_of(boulders, body.shape)
+    world = _expected_world(dispersions)
+    relief = relief_of(world.truth.boulders, body.shape)
     if any(relief):
         errors.relief_rms_m, errors.relief_correlation_m = relief
     craft = scenario.spacecraft
@@ -117,55 +110,48 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
     contrast = dispersions.rms("truth.density_contrast")
     if contrast is not None:
         errors.centre_of_mass_m = _shift(body.shape, body.gravity_field.mass, contrast)
-    _add_disturbances(errors, dispersions)
+    _add_disturbances(errors, world, body)
     return _within_limits(errors)
 
 
-def _add_disturbances(errors: ExpectedErrors, dispersions: Dispersions) -> None:
+def _expected_world(dispersions: Dispersions) -> Scenario:
+    """The scenario as believed, with disturbances and boulders as large as they are dispersed."""
+    world = copy.deepcopy(dispersions.scenario)
+    world.truth = TruthConfig()
+    for key in dispersions.keys:
+        rms = dispersions.rms(key)
+        if key.startswith(_AS_DISPERSED) and rms is not None:
+            set_value(world, key, rms)
+    return world
+
+
+def _add_disturbances(errors: ExpectedErrors, world: Scenario, body: Body) -> None:
     """Adds disturbance, force noise, kicks and sunlight to the acceleration that varies, in place.
 
     Each is taken as a Gauss-Markov process, and their sum as one with the same variance and the
     same effect on the velocity over long times.
     """
-    craft, period = dispersions.scenario.spacecraft, dispersions.scenario.control_period_s
+    craft, period = world.spacecraft, world.control_period_s
+    noise, walk, kicks = world.force_noise, world.disturbance, world.kicks
     parts = [(errors.acceleration_varying_m_s2, errors.acceleration_correlation_s)]
-    noise = _expected_section(dispersions, "force_noise", ForceNoiseConfig())
     if noise is not None:
         parts.append((noise.std_n / craft.mass_kg, max(noise.correlation_time_s, 0.5 * period)))
-    walk = _expected_section(dispersions, "disturbance", RandomWalkDisturbanceConfig())
     if walk is not None:
         force = walk.max_relative_magnitude * _USUAL_COMMAND * craft.thrust_limit_n
         parts.append((force / craft.mass_kg, 0.5 * walk.reset_period_s))
-    kicks = _expected_section(dispersions, "kicks", KicksConfig())
     if kicks is not None:
         pushes = kicks.velocity_std_m_s / math.sqrt(kicks.mean_interval_s * period)
         parts.append((pushes, 0.5 * period))
     # In K the Sun and moons go round with the spin: what is constant there would be trusted.
-    body, sunlight = dispersions.body, dispersions.scenario.sunlight
     far, turn = float(body.keep_out_semi_axes.max()), min(1.0 / body.spin_rate, LONG)
     if body.config.moons:
         parts.append((greatest_tide(body.config.moons, far, body.moon_depths), turn))
-    if sunlight is not None:
-        parts.append((greatest_by_sun(dispersions.scenario, craft.mass_kg, far), turn))
+    if world.sunlight is not None:
+        parts.append((greatest_by_sun(world, craft.mass_kg, far), turn))
     variance = sum(std**2 for std, _ in parts)
     if len(parts) > 1 and variance > 0.0:
         errors.acceleration_varying_m_s2 = math.sqrt(variance)
         errors.acceleration_correlation_s = sum(std**2 * time for std, time in parts) / variance
-
-
-def _expected_section(dispersions: Dispersions, name: str, default: _Section) -> _Section | None:
-    """Gives a section of the scenario with what its dispersed values are expected to be."""
-    drawn = _drawn(dispersions, name, default)
-    section = getattr(dispersions.scenario, name)
-    if section is None and not drawn:
-        return None
-    return dc.replace(section or default, **drawn)
-
-
-def _drawn(dispersions: Dispersions, name: str, section: _Drawn) -> dict[str, float]:
-    """Gives what the dispersed values of a section are expected to be."""
-    drawn = {field.name: dispersions.rms(f"{name}.{field.name}") for field in dc.fields(section)}
-    return {key: value for key, value in drawn.items() if value is not None}
 
 
 @functools.lru_cache(maxsize=4)
