@@ -34,49 +34,31 @@ _NAMES_OR_PATHS = ("body", "dispersions", "assurance.bounds", "spacecraft.model"
 
 
 @functools.cache
-def dotted_keys() -> tuple[str, ...]:
-    """Gives the dotted keys of all values of a scenario; a section is none."""
-    return tuple(_leaves(Scenario))
+def dotted_fields() -> dict[str, dc.Field]:
+    """Gives the fields of all values of a scenario by their dotted keys; a section is none."""
+    return dict(_leaves(Scenario))
 
 
-def _leaves(schema: type, prefix: str = "") -> Iterator[str]:
-    """Yields the dotted keys of all values of a dataclass."""
+def _leaves(schema: type, prefix: str = "") -> Iterator[tuple[str, dc.Field]]:
+    """Yields the dotted keys and the fields of all values of a dataclass."""
     for field in dc.fields(schema):
-        nested = _section(field)
-        if nested is None:
-            yield prefix + field.name
+        section = _section(field)
+        if section is None:
+            yield prefix + field.name, field
         else:
-            yield from _leaves(nested, f"{prefix}{field.name}.")
+            yield from _leaves(section, f"{prefix}{field.name}.")
 
 
 def _section(field: dc.Field) -> type | None:
-    """Gives the dataclass of a field that is a section; None for a value."""
+    """Gives the dataclass of a field that is a section, the first of several; None of a value."""
     options = typing.get_args(field.type) or (field.type,)
-    return next(
-        (each for each in options if isinstance(each, type) and dc.is_dataclass(each)), None
-    )
-
-
-@functools.cache
-def field_at(key: str) -> dc.Field:
-    """Gives the field of a dotted key."""
-    schema: typing.Any = Scenario
-    *parents, last = key.split(".")
-    for name in parents:
-        schema = _section(_field_of(schema, name))
-    return _field_of(schema, last)
-
-
-def _field_of(schema: type, name: str) -> dc.Field:
-    return next(each for each in dc.fields(schema) if each.name == name)
+    return next((each for each in options if dc.is_dataclass(each)), None)
 
 
 def default_at(key: str) -> typing.Any:
     """Gives the default of a dotted key."""
-    field = field_at(key)
-    if field.default_factory is not dc.MISSING:
-        return field.default_factory()
-    return field.default
+    field = dotted_fields()[key]
+    return field.default if field.default_factory is dc.MISSING else field.default_factory()
 
 
 def value_at(scenario: Scenario, key: str) -> typing.Any:
@@ -95,10 +77,10 @@ def set_value(scenario: Scenario, key: str, value: typing.Any) -> None:
     section: typing.Any = scenario
     for name in parents:
         if getattr(section, name) is None:
-            field = _field_of(type(section), name)
+            field = next(each for each in dc.fields(section) if each.name == name)
             setattr(section, name, typing.cast(type, _section(field))())
         section = getattr(section, name)
-    if field_at(key).type is int and is_number(value):
+    if dotted_fields()[key].type is int and is_number(value):
         value = math.floor(value + 0.5)
     setattr(section, last, value)
 
@@ -107,7 +89,7 @@ def why_not_dispersed(key: typing.Any) -> str | None:
     """Says why no value of this key can be dispersed; None: it can be."""
     if key in QUANTITY:
         return None
-    if key not in dotted_keys():
+    if key not in dotted_fields():
         near = difflib.get_close_matches(str(key), QUANTITY, n=1, cutoff=0.0)[0]
         return f"there is no key {key!r} in a scenario; the nearest is {near}"
     return (
@@ -131,7 +113,7 @@ def differing_values(scenario: Scenario) -> dict[str, typing.Any]:
     drawn = {*scenario.dispersed}
     return {
         key: value_at(scenario, key)
-        for key in dotted_keys()
+        for key in dotted_fields()
         if key in drawn
         or (key.startswith("truth.") and differs(key) and differs(QUANTITY[key].needs or key))
     }

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from proxops.diagrams.scenario.body import Body, apparent_gravity
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.transits import Transit, UnflyableWorldError
-from proxops.systems.common import InputError, Vector3, Vectors3
+from proxops.systems.common import InputError, Vector3, Vectors3, last_change
 from proxops.systems.gravity import FINE_MESH, BodyField, GravityField, ScaledField, TabulatedField
 from proxops.systems.rotation import SpinModel, SteadySpin, TorqueFreeSpin
 from proxops.systems.shapes import (
@@ -138,9 +138,8 @@ def true_shape(body: Body, truth: TruthConfig) -> Polyhedron:
     """
     shape = body.shape
     if truth.mesh is not None:
-        path = Path(truth.mesh)
-        changed = path.stat().st_mtime_ns if path.is_file() else 0
-        shape = _other_mesh(body.shape, path, changed, truth.mesh_unit, truth.mesh_of_any_size)
+        path, unit = Path(truth.mesh), truth.mesh_unit
+        shape = _other_mesh(body.shape, path, last_change(path), unit, truth.mesh_of_any_size)
     if truth.surface_rms_m > 0.0:
         try:
             shape = displaced(

@@ -86,6 +86,28 @@ def is_yaml_path(text: str | Path) -> bool:
     return str(text).endswith((".yaml", ".yml"))
 
 
+def file_of(name_or_path: str | Path, shipped: typing.Mapping[str, Path], key: str) -> Path:
+    """Gives the file that ships under a name, or the path of a YAML file as it is.
+
+    Args:
+      name_or_path: the name or the path.
+      shipped: the files that ship, by their names.
+      key: what the message begins with.
+
+    Raises:
+      InputError: it is no path of a YAML file, and nothing ships under this name.
+    """
+    if is_yaml_path(name_or_path):
+        return Path(name_or_path)
+    name = str(name_or_path)
+    if name not in shipped:
+        raise InputError(
+            f"{key}: {name!r} does not ship with proxops ({', '.join(shipped)} do); for your own, "
+            "give the path of its .yaml file"
+        )
+    return shipped[name]
+
+
 def read_mapping(path: Path) -> dict[str, typing.Any]:
     """Reads the mapping at the root of a YAML file; tags are kept under the key `_tag`.
 
