@@ -36,13 +36,13 @@ from proxops.diagrams.scenario.scenario_config import (
     TrueStateConfig,
     TruthConfig,
 )
+from proxops.diagrams.scenario.sky import facets_of
 from proxops.diagrams.scenario.spacecraft_model import (
     RigidBodyConfig,
     SpacecraftModel,
     load_spacecraft,
 )
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
-from proxops.diagrams.scenario.sunlit import facets_of
 from proxops.diagrams.scenario.survey_expectations import survey_errors
 from proxops.diagrams.scenario.tasks import (
     EnoughConfig,

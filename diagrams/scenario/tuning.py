@@ -18,11 +18,11 @@ from proxops.diagrams.scenario.dispersions import Dispersions
 from proxops.diagrams.scenario.keys import set_value
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
+from proxops.diagrams.scenario.sky import greatest_from_sky
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
-from proxops.diagrams.scenario.sunlit import greatest_by_sun
 from proxops.systems.attitude import settled_noise
 from proxops.systems.common import LONG, InputError, limits_of
-from proxops.systems.gravity import GravityField, greatest_tide
+from proxops.systems.gravity import GravityField
 from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig, shift_of_centre
 from proxops.systems.shapes import Polyhedron, relief_of
 from proxops.systems.vehicle import STANDARD_GRAVITY
@@ -144,10 +144,8 @@ def _add_disturbances(errors: ExpectedErrors, world: Scenario, body: Body) -> No
         parts.append((pushes, 0.5 * period))
     # In K the Sun and moons go round with the spin: what is constant there would be trusted.
     far, turn = float(body.keep_out_semi_axes.max()), min(1.0 / body.spin_rate, LONG)
-    if body.config.moons:
-        parts.append((greatest_tide(body.config.moons, far, body.moon_depths), turn))
-    if world.sunlight is not None:
-        parts.append((greatest_by_sun(world, craft.mass_kg, far), turn))
+    pushes_of_sky = greatest_from_sky(world, body, craft.mass_kg, far)
+    parts += [(push, turn) for push in pushes_of_sky if push > 0.0]
     variance = sum(std**2 for std, _ in parts)
     if len(parts) > 1 and variance > 0.0:
         errors.acceleration_varying_m_s2 = math.sqrt(variance)
