@@ -18,7 +18,7 @@ import numpy as np
 from proxops.diagrams.scenario.plain_yaml import TAG, read_yaml
 from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path
+from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path, sections_of
 from proxops.systems.common import InputError
 
 Overrides = typing.Sequence[str] | typing.Mapping[str, typing.Any]
@@ -40,19 +40,12 @@ def dotted_fields() -> dict[str, dc.Field]:
 
 
 def _leaves(schema: type, prefix: str = "") -> Iterator[tuple[str, dc.Field]]:
-    """Yields the dotted keys and the fields of all values of a dataclass."""
+    """Yields the dotted keys and the fields; of several dataclasses of a section, of the first."""
     for field in dc.fields(schema):
-        section = _section(field)
-        if section is None:
-            yield prefix + field.name, field
+        if sections := [*sections_of(field.type).values()]:
+            yield from _leaves(sections[0], f"{prefix}{field.name}.")
         else:
-            yield from _leaves(section, f"{prefix}{field.name}.")
-
-
-def _section(field: dc.Field) -> type | None:
-    """Gives the dataclass of a field that is a section, the first of several; None of a value."""
-    options = typing.get_args(field.type) or (field.type,)
-    return next((each for each in options if dc.is_dataclass(each)), None)
+            yield prefix + field.name, field
 
 
 def default_at(key: str) -> typing.Any:
@@ -77,8 +70,9 @@ def set_value(scenario: Scenario, key: str, value: typing.Any) -> None:
     section: typing.Any = scenario
     for name in parents:
         if getattr(section, name) is None:
-            field = next(each for each in dc.fields(section) if each.name == name)
-            setattr(section, name, typing.cast(type, _section(field))())
+            [field] = (each for each in dc.fields(section) if each.name == name)
+            [made] = sections_of(field.type).values()
+            setattr(section, name, made())
         section = getattr(section, name)
     if dotted_fields()[key].type is int and is_number(value):
         value = math.floor(value + 0.5)
