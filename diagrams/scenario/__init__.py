@@ -43,7 +43,6 @@ from proxops.diagrams.scenario.spacecraft_model import (
     load_spacecraft,
 )
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
-from proxops.diagrams.scenario.survey_expectations import survey_errors
 from proxops.diagrams.scenario.tasks import (
     EnoughConfig,
     MissionConfig,
@@ -62,7 +61,7 @@ from proxops.diagrams.scenario.touchable import (
 )
 from proxops.diagrams.scenario.transits import (
     Transit,
-    UnflyableWorldError,
+    check_flyable,
     draw_transit,
     hover_force,
     is_blocked,
@@ -72,12 +71,12 @@ from proxops.diagrams.scenario.transits import (
 )
 from proxops.diagrams.scenario.true_body import (
     TrueBody,
-    check_flyable,
+    UnflyableWorldError,
     make_true_body,
     spin_axes,
     turns_the_axes,
 )
-from proxops.diagrams.scenario.tuning import expected_of, filter_tuning
+from proxops.diagrams.scenario.tuning import expected_of, filter_tuning, survey_errors
 from proxops.diagrams.scenario.typed_yaml import (
     dump_typed,
     is_yaml_path,

@@ -1,4 +1,4 @@
-"""The navigation's filter tuning: one standard deviation of all that it may be wrong about.
+"""Filter tuning: one standard deviation of all that navigation or a survey may be wrong about.
 
 It is as the scenario gives it, else as the dispersions say, else the usual, in proportion to the
 body.
@@ -10,6 +10,7 @@ import copy
 import dataclasses as dc
 import functools
 import math
+import typing
 
 import numpy as np
 
@@ -22,10 +23,13 @@ from proxops.diagrams.scenario.sky import greatest_from_sky
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
 from proxops.systems.attitude import settled_noise
 from proxops.systems.common import LONG, InputError, limits_of
-from proxops.systems.gravity import GravityField
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
 from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig, shift_of_centre
 from proxops.systems.shapes import Polyhedron, relief_of
 from proxops.systems.vehicle import STANDARD_GRAVITY
+
+if typing.TYPE_CHECKING:
+    from proxops.systems.mapping import Expected
 
 # The default of surface_correlation_m is for this greatest extent in m, Kleopatra's.
 _SIZE = 218.864e3
@@ -38,6 +42,14 @@ _USUAL_COMMAND = 0.05
 _ROUGHER = 3.0
 # Sections whose dispersed values are taken as they are, not as errors.
 _AS_DISPERSED = ("disturbance.", "force_noise.", "kicks.", "truth.boulders.")
+# Of what is not dispersed, a survey still expects so much.
+_LEAST = {
+    "truth.gravity": 1e-2,
+    "truth.pole_deg": 0.1,
+    "truth.spin": 1e-6,
+    "truth.attitude.constant_deg": 1e-3,
+    "truth.attitude.varying_std_deg": 1e-4,
+}
 
 
 def filter_tuning(scenario: Scenario, body: Body) -> ExpectedErrors:
@@ -150,6 +162,40 @@ def _add_disturbances(errors: ExpectedErrors, world: Scenario, body: Body) -> No
     if len(parts) > 1 and variance > 0.0:
         errors.acceleration_varying_m_s2 = math.sqrt(variance)
         errors.acceleration_correlation_s = sum(std**2 * time for std, time in parts) / variance
+
+
+def survey_errors(scenario: Scenario, body: Body) -> Expected:
+    """Gives one standard deviation of what a survey may be wrong about: see `Expected`."""
+    from proxops.systems.mapping import Expected  # Slow to import, and few flights are surveys.
+
+    dispersions = Dispersions.of(scenario, body)
+
+    def rms(key: str) -> float:
+        return max(dispersions.rms(key) or 0.0, _LEAST.get(key, 0.0))
+
+    usual = Expected()
+    gm, radius = body.gravity_field.mass * GRAVITATIONAL_CONSTANT, float(body.shape.extents.max())
+    times = dispersions.ends("truth.acceleration.correlation_time_s")
+    turning = dispersions.ends("truth.attitude.correlation_time_s")
+    return Expected(
+        gravity=rms("truth.gravity"),
+        pole=math.radians(rms("truth.pole_deg")),
+        rate=rms("truth.spin"),
+        mounting=math.radians(rms("truth.attitude.constant_deg")),
+        turning=math.radians(rms("truth.attitude.varying_std_deg")),
+        turning_time=turning[1] if turning else usual.turning_time,
+        noise=scenario.lidar.noise_std_m,
+        bias=rms("truth.lidar.bias_m"),
+        scale=rms("truth.lidar.scale_error"),
+        beam=0.5 * rms("truth.lidar.beam_width_rad"),
+        acceleration=rms("truth.acceleration.constant_m_s2"),
+        # A path of a few knots is never more exact than this share of gravity.
+        varying=math.hypot(rms("truth.acceleration.varying_std_m_s2"), 1e-4 * gm / radius**2),
+        varying_time=times[1] if times else usual.varying_time,
+        thrust=math.hypot(
+            rms("truth.thrusters.scale"), math.radians(rms("truth.thrusters.direction_deg")), 1e-2
+        ),
+    )
 
 
 @functools.lru_cache(maxsize=4)
