@@ -19,7 +19,6 @@ from proxops.diagrams.scenario.key_descriptions import (
     dotted,
 )
 from proxops.diagrams.scenario.keys import differing_values, dotted_leaves, given_keys
-from proxops.diagrams.scenario.plain_yaml import write_yaml
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
@@ -77,12 +76,6 @@ from proxops.diagrams.scenario.true_body import (
     turns_the_axes,
 )
 from proxops.diagrams.scenario.tuning import expected_of, filter_tuning, survey_errors
-from proxops.diagrams.scenario.typed_yaml import (
-    dump_typed,
-    is_yaml_path,
-    load_typed,
-    parse_mapping,
-)
 from proxops.diagrams.scenario.world import World, believed, dispersed_values, draw_world
 from proxops.systems.assurance import AssuranceConfig
 from proxops.systems.expert import MpcConfig, WeightedCostConfig
@@ -149,22 +142,18 @@ __all__ = [
     "draw_transit",
     "draw_world",
     "dump_scenario",
-    "dump_typed",
     "expected_of",
     "facets_of",
     "filter_tuning",
     "given_keys",
     "hover_force",
     "is_blocked",
-    "is_yaml_path",
     "load_body",
     "load_dispersions",
     "load_scenario",
     "load_spacecraft",
-    "load_typed",
     "make_true_body",
     "of_transit",
-    "parse_mapping",
     "parse_scenario",
     "place_of",
     "scenario_remarks",
@@ -182,5 +171,4 @@ __all__ = [
     "uncertainty_set",
     "with_ends",
     "with_site",
-    "write_yaml",
 ]

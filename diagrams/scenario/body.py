@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from proxops.assets import ASSETS
-from proxops.diagrams.scenario.typed_yaml import file_of, load_typed, read_mapping
+from proxops.diagrams.yaml_files import file_of, load_typed, read_mapping
 from proxops.systems.common import (
     InputError,
     Matrix3,

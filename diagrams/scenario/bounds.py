@@ -24,7 +24,7 @@ from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.sky import greatest_from_sky
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
 from proxops.diagrams.scenario.true_body import true_shape
-from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, read_mapping
+from proxops.diagrams.yaml_files import is_yaml_path, load_typed, read_mapping
 from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.common import InputError, check_limits, spread_directions, values_in_words
 from proxops.systems.gravity import GravityField

@@ -26,7 +26,7 @@ from proxops.diagrams.scenario.keys import (
 )
 from proxops.diagrams.scenario.quantities import QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.typed_yaml import (
+from proxops.diagrams.yaml_files import (
     file_of,
     fits,
     in_words,

@@ -13,9 +13,8 @@ import textwrap
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 
-from proxops.diagrams.scenario.plain_yaml import write_yaml
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.typed_yaml import in_words, sections_of
+from proxops.diagrams.yaml_files import in_words, sections_of, write_yaml
 from proxops.systems.common import choices_of, limits_in_words, unit_of
 
 _FIELD = re.compile(r"((?:^    #.*\n)*)^    (\w+): ", re.MULTILINE)

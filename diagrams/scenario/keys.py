@@ -15,10 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.scenario.plain_yaml import TAG, read_yaml
 from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path, sections_of
+from proxops.diagrams.yaml_files import TAG, is_number, is_yaml_path, read_yaml, sections_of
 from proxops.systems.common import InputError
 
 Overrides = typing.Sequence[str] | typing.Mapping[str, typing.Any]

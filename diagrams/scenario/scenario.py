@@ -18,7 +18,7 @@ from proxops.diagrams.scenario.keys import (
 from proxops.diagrams.scenario.quantities import QUANTITY
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.typed_yaml import (
+from proxops.diagrams.yaml_files import (
     dump_typed,
     file_of,
     load_typed,

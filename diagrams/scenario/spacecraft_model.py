@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from proxops.assets import ASSETS
-from proxops.diagrams.scenario.typed_yaml import file_of, load_typed, read_mapping
+from proxops.diagrams.yaml_files import file_of, load_typed, read_mapping
 from proxops.systems.attitude import (
     AttitudeGuidanceConfig,
     AttitudeNoise,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed, yaml_load
 
-from proxops.diagrams.scenario.plain_yaml import TAG, needs_quotes, read_yaml, write_yaml
+from proxops.diagrams.yaml_files.plain_yaml import TAG, needs_quotes, read_yaml, write_yaml
 from proxops.systems.common import InputError, decoded
 
 Made = typing.TypeVar("Made")
@@ -150,7 +150,8 @@ def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typ
     if typing.get_origin(schema) is list and dc.is_dataclass(item := typing.get_args(schema)[0]):
         if not (isinstance(value, list) and all(isinstance(each, dict) for each in value)):
             raise InputError(f"{source}: {path} needs a list of `key: value` lines, got {value!r}")
-        return [load_typed(item, each, source, f"{path}[{k}]") for k, each in enumerate(value)]
+        schema = typing.cast(type, item)
+        return [load_typed(schema, each, source, f"{path}[{k}]") for k, each in enumerate(value)]
     options, sections = _options(schema), sections_of(schema)
     if sections and isinstance(value, dict):
         tag = str(value.get(TAG, f"!{next(iter(sections))}"))
@@ -179,8 +180,11 @@ def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typ
 
 def sections_of(schema: typing.Any) -> dict[str, type]:
     """Gives the dataclasses of which a field of a type may hold one, by their tags without `!`."""
-    found = filter(dc.is_dataclass, _options(schema))
-    return {each.__name__.removesuffix("Config"): each for each in found}
+    return {
+        each.__name__.removesuffix("Config"): each
+        for each in _options(schema)
+        if isinstance(each, type) and dc.is_dataclass(each)
+    }
 
 
 def _options(schema: typing.Any) -> tuple[typing.Any, ...]:
