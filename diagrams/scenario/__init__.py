@@ -18,7 +18,13 @@ from proxops.diagrams.scenario.key_descriptions import (
     described_keys,
     dotted,
 )
-from proxops.diagrams.scenario.keys import differing_values, dotted_leaves, given_keys
+from proxops.diagrams.scenario.keys import (
+    differing_values,
+    dotted_leaves,
+    given_keys,
+    set_value,
+    value_at,
+)
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
@@ -158,6 +164,7 @@ __all__ = [
     "place_of",
     "scenario_remarks",
     "scenario_transit",
+    "set_value",
     "shipped_scenarios",
     "site_world",
     "solids_of",
@@ -169,6 +176,7 @@ __all__ = [
     "touch_site",
     "turns_the_axes",
     "uncertainty_set",
+    "value_at",
     "with_ends",
     "with_site",
 ]
