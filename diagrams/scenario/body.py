@@ -42,6 +42,9 @@ from proxops.systems.shapes import Polyhedron, clearances, mass_properties
 # The least and the greatest semi-axis (m) of a keep-out ellipsoid.
 _AXES = (1e-3, 1e9)
 _LONGEST_NAME = 200
+_SHIPPED = {
+    path.stem: path for path in sorted(ASSETS.glob("*/*.yaml")) if path.stem == path.parent.name
+}
 # Turns of a body over which its rotation is looked at, and at how many times.
 _TURNS, _TIMES = 20.0, 2001
 _REQUIRED = (
@@ -204,8 +207,7 @@ def load_body(name_or_path: str | Path) -> Body:
         limits; the mesh is not sound; the mass does not fit the volume; or the mesh sticks out of
         the keep-out ellipsoid.
     """
-    found = sorted(ASSETS.glob("*/*.yaml"))
-    path = file_of(name_or_path, {p.stem: p for p in found if p.stem == p.parent.name}, "body")
+    path = file_of(name_or_path, _SHIPPED, "body")
     tree = read_mapping(path)
     config = load_typed(BodyConfig, tree, str(path))
     missing = [name for name in _REQUIRED if name not in tree]

@@ -35,7 +35,7 @@ from proxops.diagrams.yaml_files import (
 )
 from proxops.systems.common import InputError, last_change, limits_of
 
-_FOLDER = ASSETS / "dispersions"
+_SHIPPED = {path.stem: path for path in sorted((ASSETS / "dispersions").glob("*.yaml"))}
 BASE = "based_on"
 """The key of a file that names the dispersions that it changes."""
 # The key whose values are paths, relative to the file.
@@ -246,15 +246,14 @@ def dispersion_entries(name_or_path: str | Path) -> dict[str, typing.Any]:
     Raises:
       InputError: there are no such dispersions.
     """
-    shipped = {path.stem: path for path in sorted(_FOLDER.glob("*.yaml"))}
-    tree = read_mapping(file_of(name_or_path, shipped, "dispersions"))
+    tree = read_mapping(file_of(name_or_path, _SHIPPED, "dispersions"))
     if BASE not in tree:
         return tree
     base = str(tree.pop(BASE))
-    if base not in shipped:
+    if base not in _SHIPPED:
         raise InputError(
             f"{name_or_path}: {BASE} must name dispersions that ship with proxops: "
-            f"{', '.join(shipped)}"
+            f"{', '.join(_SHIPPED)}"
         )
     return dispersion_entries(base) | tree
 

@@ -32,7 +32,9 @@ from proxops.systems.common import (
     number,
 )
 
-_FOLDER = ASSETS / "spacecraft"
+_SHIPPED = {
+    path.parent.name: path for path in sorted((ASSETS / "spacecraft").glob("*/spacecraft.yaml"))
+}
 _MOST_THRUSTERS = 100
 # Radii of gyration in m of anything from a cube of 10 cm to a space station.
 _GYRATION = (0.03, 100.0)
@@ -149,8 +151,7 @@ def load_spacecraft(name_or_path: str) -> SpacecraftModel:
         that no body has; a wheel is no joint that turns; or the thrusters cannot give a force along
         an axis, or a torque about one.
     """
-    shipped = {path.parent.name: path for path in sorted(_FOLDER.glob("*/spacecraft.yaml"))}
-    path = file_of(name_or_path, shipped, "spacecraft.model")
+    path = file_of(name_or_path, _SHIPPED, "spacecraft.model")
     settings = _settings(path, last_change(path))
     return _made(path, last_change(path), last_change(path.parent / settings.bus))
 
