@@ -9,13 +9,8 @@ import numpy as np
 import trimesh
 
 from proxops.assets.random_bodies import relief
-from proxops.diagrams.scenario import (
-    Scenario,
-    change_scenario,
-    is_yaml_path,
-    load_body,
-    load_scenario,
-)
+from proxops.diagrams.scenario import Scenario, change_scenario, load_body, load_scenario
+from proxops.diagrams.yaml_files import is_yaml_path
 from proxops.systems.common import InputError, generator, make_folder, write_whole
 from proxops.systems.shapes import mesh_bytes, read_mesh
 

@@ -29,9 +29,9 @@ from proxops.diagrams.scenario import (
     load_body,
     load_scenario,
     with_site,
-    write_yaml,
 )
 from proxops.diagrams.surveys import run_mission
+from proxops.diagrams.yaml_files import write_yaml
 from proxops.systems.common import InputError, generator, write_json
 
 # What is told of each touch: the key of the summary, its name, and its factor.

@@ -18,9 +18,8 @@ from proxops.diagrams.scenario import (
     LearnedLidarConfig,
     LidarNavigationConfig,
     Scenario,
-    dump_typed,
-    is_yaml_path,
 )
+from proxops.diagrams.yaml_files import dump_typed, is_yaml_path
 from proxops.systems.common import file_sha256, processor
 from proxops.systems.lidar import LidarBundle
 from proxops.systems.navigation import map_files

@@ -35,12 +35,10 @@ from proxops.diagrams.scenario import (
     TruthConfig,
     check_constants,
     dump_scenario,
-    dump_typed,
-    load_typed,
     make_true_body,
-    parse_mapping,
     parse_scenario,
 )
+from proxops.diagrams.yaml_files import dump_typed, load_typed, parse_mapping
 from proxops.systems.common import (
     InputError,
     States,

@@ -8,22 +8,40 @@ import numpy as np
 
 from proxops.diagrams.new_body.shape_examination import hover_map
 from proxops.diagrams.scenario import (
-    ArrivalConfig,
     Body,
     BodyConfig,
-    HybridConfig,
-    LidarConfig,
-    MpcConfig,
-    PointMassConfig,
     Scenario,
-    TransitConfig,
-    TruthConfig,
-    WeightedCostConfig,
     check_scenario,
     load_body,
+    set_value,
+    value_at,
 )
 from proxops.systems.rotation import TorqueFreeSpinConfig
-from proxops.systems.shapes import BouldersConfig
+
+# The keys whose values are in proportion to the body.
+_LENGTHS = (
+    "lidar.noise_std_m",
+    "lidar.max_range_m",
+    "mpc.keep_out_margin_m",
+    "mpc.weighted.position_error_m",
+    "truth.surface_correlation_m",
+    "truth.boulders.narrowest_m",
+    "transit.cube_m",
+    "transit.min_distance_m",
+    "transit.max_distance_m",
+    "transit.end_clearance_m",
+    "arrival.radius_m",
+)
+_TIMES = (
+    "mpc.min_horizon_s",
+    "mpc.weighted.horizon_s",
+    "arrival.dwell_s",
+    "arrival.deadline_s",
+    "control_period_s",
+)
+_SPEEDS = ("spacecraft.speed_limit_m_s", "mpc.weighted.speed_error_m_s", "arrival.speed_m_s")
+_ACCELERATIONS = ("mpc.nominal_acceleration_m_s2",)
+_FORCES = ("hybrid.epsilon_magnitude_n", "hybrid.dead_band_n")
 
 
 def body_yaml(config: BodyConfig, remark: str) -> str:
@@ -89,52 +107,19 @@ def scenario_in_proportion(
     Raises:
       InputError: a value is beyond its limits.
     """
-    given = Scenario()
-    speed, acceleration = length / time, length / time**2
-    force = thrust_n / given.spacecraft.thrust_limit_n
-    scenario = Scenario(
-        body=body_path,
-        spacecraft=PointMassConfig(
-            mass_kg=craft_mass_kg,
-            thrust_limit_n=_scaled(thrust_n, 1.0),
-            speed_limit_m_s=_scaled(given.spacecraft.speed_limit_m_s, speed),
-        ),
-        lidar=LidarConfig(
-            noise_std_m=_scaled(given.lidar.noise_std_m, length),
-            max_range_m=_scaled(given.lidar.max_range_m, length),
-        ),
-        mpc=MpcConfig(
-            nominal_acceleration_m_s2=_scaled(given.mpc.nominal_acceleration_m_s2, acceleration),
-            min_horizon_s=_scaled(given.mpc.min_horizon_s, time),
-            keep_out_margin_m=_scaled(given.mpc.keep_out_margin_m, length),
-            weighted=WeightedCostConfig(
-                horizon_s=_scaled(given.mpc.weighted.horizon_s, time),
-                position_error_m=_scaled(given.mpc.weighted.position_error_m, length),
-                speed_error_m_s=_scaled(given.mpc.weighted.speed_error_m_s, speed),
-            ),
-        ),
-        hybrid=HybridConfig(
-            epsilon_magnitude_n=_scaled(given.hybrid.epsilon_magnitude_n, force),
-            dead_band_n=_scaled(given.hybrid.dead_band_n, force),
-        ),
-        truth=TruthConfig(
-            surface_correlation_m=_scaled(given.truth.surface_correlation_m, length),
-            boulders=BouldersConfig(narrowest_m=_scaled(given.truth.boulders.narrowest_m, length)),
-        ),
-        transit=TransitConfig(
-            cube_m=_scaled(given.transit.cube_m, length),
-            min_distance_m=_scaled(given.transit.min_distance_m, length),
-            max_distance_m=_scaled(given.transit.max_distance_m, length),
-            end_clearance_m=_scaled(given.transit.end_clearance_m, length),
-        ),
-        arrival=ArrivalConfig(
-            radius_m=_scaled(given.arrival.radius_m, length),
-            speed_m_s=_scaled(given.arrival.speed_m_s, speed),
-            dwell_s=_scaled(given.arrival.dwell_s, time),
-            deadline_s=_scaled(given.arrival.deadline_s, time),
-        ),
-        control_period_s=_scaled(given.control_period_s, time),
-    )
+    scenario = Scenario(body=body_path)
+    force = thrust_n / value_at(scenario, "spacecraft.thrust_limit_n")
+    for keys, factor in (
+        (_LENGTHS, length),
+        (_TIMES, time),
+        (_SPEEDS, length / time),
+        (_ACCELERATIONS, length / time**2),
+        (_FORCES, force),
+    ):
+        for key in keys:
+            set_value(scenario, key, _scaled(value_at(scenario, key), factor))
+    set_value(scenario, "spacecraft.mass_kg", craft_mass_kg)
+    set_value(scenario, "spacecraft.thrust_limit_n", _scaled(thrust_n, 1.0))
     check_scenario(scenario)
     return scenario
 

@@ -18,8 +18,13 @@ from proxops.diagrams.scenario.key_descriptions import (
     described_keys,
     dotted,
 )
-from proxops.diagrams.scenario.keys import differing_values, dotted_leaves, given_keys
-from proxops.diagrams.scenario.plain_yaml import write_yaml
+from proxops.diagrams.scenario.keys import (
+    differing_values,
+    dotted_leaves,
+    given_keys,
+    set_value,
+    value_at,
+)
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
@@ -36,14 +41,13 @@ from proxops.diagrams.scenario.scenario_config import (
     TrueStateConfig,
     TruthConfig,
 )
+from proxops.diagrams.scenario.sky import facets_of
 from proxops.diagrams.scenario.spacecraft_model import (
     RigidBodyConfig,
     SpacecraftModel,
     load_spacecraft,
 )
 from proxops.diagrams.scenario.spacecraft_solids import Solid, solids_of
-from proxops.diagrams.scenario.sunlit import facets_of
-from proxops.diagrams.scenario.survey_expectations import survey_errors
 from proxops.diagrams.scenario.tasks import (
     EnoughConfig,
     MissionConfig,
@@ -62,7 +66,7 @@ from proxops.diagrams.scenario.touchable import (
 )
 from proxops.diagrams.scenario.transits import (
     Transit,
-    UnflyableWorldError,
+    check_flyable,
     draw_transit,
     hover_force,
     is_blocked,
@@ -72,18 +76,12 @@ from proxops.diagrams.scenario.transits import (
 )
 from proxops.diagrams.scenario.true_body import (
     TrueBody,
-    check_flyable,
+    UnflyableWorldError,
     make_true_body,
     spin_axes,
     turns_the_axes,
 )
-from proxops.diagrams.scenario.tuning import expected_of, filter_tuning
-from proxops.diagrams.scenario.typed_yaml import (
-    dump_typed,
-    is_yaml_path,
-    load_typed,
-    parse_mapping,
-)
+from proxops.diagrams.scenario.tuning import expected_of, filter_tuning, survey_errors
 from proxops.diagrams.scenario.world import World, believed, dispersed_values, draw_world
 from proxops.systems.assurance import AssuranceConfig
 from proxops.systems.expert import MpcConfig, WeightedCostConfig
@@ -150,26 +148,23 @@ __all__ = [
     "draw_transit",
     "draw_world",
     "dump_scenario",
-    "dump_typed",
     "expected_of",
     "facets_of",
     "filter_tuning",
     "given_keys",
     "hover_force",
     "is_blocked",
-    "is_yaml_path",
     "load_body",
     "load_dispersions",
     "load_scenario",
     "load_spacecraft",
-    "load_typed",
     "make_true_body",
     "of_transit",
-    "parse_mapping",
     "parse_scenario",
     "place_of",
     "scenario_remarks",
     "scenario_transit",
+    "set_value",
     "shipped_scenarios",
     "site_world",
     "solids_of",
@@ -181,7 +176,7 @@ __all__ = [
     "touch_site",
     "turns_the_axes",
     "uncertainty_set",
+    "value_at",
     "with_ends",
     "with_site",
-    "write_yaml",
 ]

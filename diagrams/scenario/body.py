@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from proxops.assets import ASSETS
-from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, read_mapping
+from proxops.diagrams.yaml_files import file_of, load_typed, read_mapping
 from proxops.systems.common import (
     InputError,
     Matrix3,
@@ -17,8 +17,8 @@ from proxops.systems.common import (
     Vector3,
     Vectors3,
     check_limits,
-    file_sha256,
     html_table,
+    last_change,
     number,
 )
 from proxops.systems.gravity import (
@@ -42,6 +42,9 @@ from proxops.systems.shapes import Polyhedron, clearances, mass_properties
 # The least and the greatest semi-axis (m) of a keep-out ellipsoid.
 _AXES = (1e-3, 1e9)
 _LONGEST_NAME = 200
+_SHIPPED = {
+    path.stem: path for path in sorted(ASSETS.glob("*/*.yaml")) if path.stem == path.parent.name
+}
 # Turns of a body over which its rotation is looked at, and at how many times.
 _TURNS, _TIMES = 20.0, 2001
 _REQUIRED = (
@@ -204,18 +207,7 @@ def load_body(name_or_path: str | Path) -> Body:
         limits; the mesh is not sound; the mass does not fit the volume; or the mesh sticks out of
         the keep-out ellipsoid.
     """
-    shipped = ASSETS / name_or_path / f"{name_or_path}.yaml"
-    path = Path(name_or_path)
-    if not is_yaml_path(name_or_path):
-        if not shipped.is_file():
-            known = sorted(
-                p.parent.name for p in ASSETS.glob("*/*.yaml") if p.stem == p.parent.name
-            )
-            raise InputError(
-                f"body {name_or_path!r} does not ship with proxops ({', '.join(known)} do); "
-                "for another body give the path of its .yaml file"
-            )
-        path = shipped
+    path = file_of(name_or_path, _SHIPPED, "body")
     tree = read_mapping(path)
     config = load_typed(BodyConfig, tree, str(path))
     missing = [name for name in _REQUIRED if name not in tree]
@@ -233,11 +225,11 @@ def load_body(name_or_path: str | Path) -> Body:
 
 def _recentred(path: Path, unit: str) -> Polyhedron:
     """The mesh of a file, about its centre of mass."""
-    return _read_once(path, unit, file_sha256(path) if path.is_file() else "")
+    return _read_once(path, unit, last_change(path))
 
 
 @functools.lru_cache(maxsize=8)
-def _read_once(path: Path, unit: str, _sha256: str) -> Polyhedron:
+def _read_once(path: Path, unit: str, _changed: int) -> Polyhedron:
     """Many flights of a process load the same file: then so are its field and its rays."""
     return Polyhedron.load(path, unit).recentred()
 

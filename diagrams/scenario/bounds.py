@@ -11,24 +11,23 @@ import itertools
 import math
 import typing
 import warnings
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dispersions import BASE, Dispersion, Dispersions
-from proxops.diagrams.scenario.distributions import Distribution, Fixed, Uniform
+from proxops.diagrams.scenario.distributions import Choice
 from proxops.diagrams.scenario.keys import differing_values, value_at
 from proxops.diagrams.scenario.quantities import QUANTITIES, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
+from proxops.diagrams.scenario.sky import greatest_from_sky
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
-from proxops.diagrams.scenario.sunlit import greatest_by_sun
 from proxops.diagrams.scenario.true_body import true_shape
-from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path, load_typed, read_mapping
+from proxops.diagrams.yaml_files import is_yaml_path, load_typed, read_mapping
 from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.common import InputError, check_limits, spread_directions, values_in_words
-from proxops.systems.gravity import GravityField, greatest_tide
+from proxops.systems.gravity import GravityField
 from proxops.systems.navigation import LidarNavigationConfig
 from proxops.systems.shapes import HEIGHT, Polyhedron, displaced, greatest_gap
 from proxops.systems.vehicle import STANDARD_GRAVITY
@@ -40,11 +39,9 @@ _ROUGHNESS = 3.0
 # The velocity change for which propellant is counted, in units of the speed limit. The MPC's
 # transits at Kleopatra need up to 5.4.
 _SPEEDS = 6.0
+_DISTURBANCE = "disturbance.max_relative_magnitude"
 # Worlds and places of each in which gravity is compared, and what covers the gaps between them.
 _WORLDS, _PLACES, _GAPS = 6, 300, 1.25
-# The rotation's errors are bounded up to this distance, in units of the longest semi-axis of the
-# keep-out ellipsoid.
-_FAR = 2.0
 # A surface that is too rough for the mesh is tried with half the roughness, so often.
 _MOST_HALVINGS = 6
 
@@ -84,9 +81,14 @@ def tumbling(body: Body, speed: float) -> float:
     change = float(np.linalg.norm(body.spin.angular_acceleration(times), axis=1).max())
     size = float(np.linalg.norm(rates, axis=1).max())
     error = float(np.linalg.norm(rates - [0.0, 0.0, body.spin_about_z], axis=1).max())
-    far = _FAR * float(body.keep_out_semi_axes.max())
+    far = _farthest(body)
     rotation = 2.0 * error * math.sqrt(3.0) * speed + 2.0 * size * error * far + change * far
     return _GAPS * rotation
+
+
+def _farthest(body: Body) -> float:
+    """The distance in m up to which errors are bounded."""
+    return 2.0 * float(body.keep_out_semi_axes.max())
 
 
 def with_bounds(dispersions: Dispersions) -> AssuranceConfig | None:
@@ -138,18 +140,24 @@ def _named(name: str, scenario: Scenario, body: Body) -> AssuranceBounds:
             check_limits(bounds, name)
             return bounds
     try:
-        return bounds_of_dispersions(Dispersions.of(scenario, body, name))
+        return _of_dispersions(Dispersions.of(scenario, body, name))
     except InputError as error:
         raise InputError(f"assurance.bounds: {error}") from error
 
 
 def _warn_of_exceeded(bounds: AssuranceBounds, dispersions: Dispersions) -> None:
+    beyond = []
     try:
-        beyond = exceeded(_declared(dispersions), bounds)
+        declared = _declared(dispersions)
     except InputError as error:
-        beyond = [str(error)]
+        beyond.append(str(error))
+    else:
+        for field in dc.fields(bounds):
+            most, bound = getattr(declared, field.name), getattr(bounds, field.name)
+            if most > bound * (1.0 + 1e-9):
+                beyond.append(f"{field.name} {bound:.3g} (up to {most:.3g})")
     if beyond:
-        own = own_values(dispersions.scenario)
+        own = _own_values(dispersions)
         sources = [dispersions.scenario.dispersions, "the scenario" if own else None]
         warnings.warn(
             f"{' and '.join(filter(None, sources))} may exceed assurance.bounds, so runtime "
@@ -160,19 +168,14 @@ def _warn_of_exceeded(bounds: AssuranceBounds, dispersions: Dispersions) -> None
 
 def _declared(dispersions: Dispersions) -> AssuranceBounds:
     """Gives the bounds for the worlds that a scenario and its dispersions declare."""
-    own = own_values(dispersions.scenario, dispersions.keys)
-    given = [Dispersion(key, _ends_of(value)) for key, value in own.items()]
-    return bounds_of_dispersions(dc.replace(dispersions, each=[*dispersions.each, *given]))
+    own = [
+        Dispersion(key, Choice(tuple(value) if isinstance(value, list) else (value,)))
+        for key, value in _own_values(dispersions).items()
+    ]
+    return _of_dispersions(dc.replace(dispersions, each=[*dispersions.each, *own]))
 
 
-def _ends_of(value: typing.Any) -> Distribution:
-    values = value if isinstance(value, list) else [value]
-    if all(map(is_number, values)):
-        return Uniform(min(values), max(values))
-    return Fixed((value,))
-
-
-def bounds_of_dispersions(dispersions: Dispersions) -> AssuranceBounds:
+def _of_dispersions(dispersions: Dispersions) -> AssuranceBounds:
     """Gives bounds for the worlds of dispersions.
 
     They are the ends of what is drawn, four deviations of what has no end, and samples for gravity.
@@ -181,18 +184,22 @@ def bounds_of_dispersions(dispersions: Dispersions) -> AssuranceBounds:
     Raises:
       InputError: a value has no end, or it cannot be bounded.
     """
-    error = dispersions.greatest_error
+    error, scenario, body = dispersions.greatest_error, dispersions.scenario, dispersions.body
     for key in dispersions.keys:
-        if key == "disturbance.max_relative_magnitude":
-            _refuse_disturbance(error(key))
+        if key == _DISTURBANCE:
+            if most := error(key):
+                raise InputError(
+                    f"{key} adds up to {most:g} times the command, which assurance.bounds cannot "
+                    "hold: fly without runtime assurance, or give bounds without it, such as "
+                    "assurance.bounds={}, and know that flights may enter the ellipsoid"
+                )
         elif QUANTITY[key].bounds is None:
             raise InputError(
                 f"{key} has no end that assurance.bounds could hold; give bounds without it, "
                 "such as assurance.bounds={}, and know that flights with it may enter the ellipsoid"
             )
-    body = dispersions.body
     gap, differing, shift = _mesh_differences(dispersions)
-    velocity_change = _SPEEDS * dispersions.scenario.spacecraft.speed_limit_m_s
+    velocity_change = _SPEEDS * scenario.spacecraft.speed_limit_m_s
     bounds = AssuranceBounds(
         gravity=error("truth.gravity"),
         thrust=error("truth.thrusters.scale")
@@ -209,18 +216,27 @@ def bounds_of_dispersions(dispersions: Dispersions) -> AssuranceBounds:
     )
     check_limits(bounds, dispersions.name or "the scenario's world")
     # What is left of the mass is now known to be above 0.
-    bounds.acceleration_m_s2 += _sunlight(dispersions, bounds.mass)
+    least, far = (1.0 - bounds.mass) * scenario.spacecraft.mass_kg, _farthest(body)
+    moons, sun = greatest_from_sky(scenario, body, least, far)
+    if moons == math.inf:
+        raise InputError(
+            f"a moon of {body.config.name} comes within {far:g} m of it and is not always inside "
+            "the keep-out ellipsoid, which alone runtime assurance keeps out of: give the body an "
+            "ellipsoid that holds its orbit, or fly without assurance"
+        )
+    # Nobody on board is told where they are.
+    bounds.acceleration_m_s2 += moons
+    bounds.acceleration_m_s2 += sun
     return bounds
 
 
-def own_values(scenario: Scenario, dispersed: Iterable[str] = ()) -> dict[str, typing.Any]:
-    """Gives what a scenario itself says of its world, by key: what differs from what is believed.
+def _own_values(dispersions: Dispersions) -> dict[str, typing.Any]:
+    """What a scenario itself says of its world, by key: what differs from what is believed.
 
-    Args:
-      scenario: the scenario. Values that were drawn for it are not among its own.
-      dispersed: the keys that its dispersions disperse; they are left out.
+    Values that are drawn, or were, are not among its own.
     """
-    drawn = {*scenario.dispersed, *dispersed}
+    scenario = dispersions.scenario
+    drawn = {*scenario.dispersed, *dispersions.keys}
     drawn_sections = {key.partition(".")[0] for key in drawn}  # The draw makes them.
     values = differing_values(scenario)
     for each in QUANTITIES:
@@ -230,25 +246,6 @@ def own_values(scenario: Scenario, dispersed: Iterable[str] = ()) -> dict[str, t
         if section in drawn_sections or getattr(scenario, section) is not None:
             values[each.key] = value_at(scenario, each.key)
     return {key: value for key, value in values.items() if key not in drawn}
-
-
-def exceeded(declared: AssuranceBounds, bounds: AssuranceBounds) -> list[str]:
-    """Lists the bounds that what is declared exceeds, each with both values."""
-    found = []
-    for field in dc.fields(bounds):
-        most, bound = getattr(declared, field.name), getattr(bounds, field.name)
-        if most > bound * (1.0 + 1e-9):
-            found.append(f"{field.name} {bound:.3g} (up to {most:.3g})")
-    return found
-
-
-def _refuse_disturbance(most: float) -> None:
-    if most:
-        raise InputError(
-            f"disturbance.max_relative_magnitude adds up to {most:g} times the command, which "
-            "assurance.bounds cannot hold: fly without runtime assurance, or give bounds without "
-            "it, such as assurance.bounds={}, and know that flights may enter the ellipsoid"
-        )
 
 
 def _direction(dispersions: Dispersions) -> float:
@@ -287,7 +284,7 @@ def _mass(error: float, impulses: tuple[float, float] | None, velocity_change: f
 
 
 def _acceleration(dispersions: Dispersions, differing: float, moved: float) -> float:
-    """The greatest acceleration in m/s^2 along an axis, other than by gravity's size and thrust.
+    """The greatest acceleration in m/s^2 along an axis, but for gravity's size, thrust and sky.
 
     `differing` and `moved` are of the true meshes: see `_mesh_differences`.
     """
@@ -317,37 +314,10 @@ def _acceleration(dispersions: Dispersions, differing: float, moved: float) -> f
     gravity *= 1.0 + end("truth.gravity")
     spin = abs(body.spin_rate)
     error = spin * (end("truth.spin") + math.radians(math.sqrt(2.0) * end("truth.pole_deg")))
-    far = _FAR * float(body.keep_out_semi_axes.max())
+    far = _farthest(body)
     speed = math.sqrt(3.0) * craft.speed_limit_m_s
     rotation = 2.0 * error * speed + (2.0 * spin + error) * error * far + spin**2 * shift
-    moons = _moons(body, far)
-    return forces / craft.mass_kg + pushes + gravity + rotation + moons
-
-
-def _moons(body: Body, far: float) -> float:
-    """The greatest tide of moons in m/s^2, up to a distance in m.
-
-    Raises:
-      InputError: one comes as near, and is not always inside the keep-out ellipsoid.
-    """
-    tide = greatest_tide(body.config.moons, far, body.moon_depths)
-    if not tide < math.inf:
-        raise InputError(
-            f"a moon of {body.config.name} comes within {far:g} m of it and is not always inside "
-            "the keep-out ellipsoid, which alone runtime assurance keeps out of: give the body an "
-            "ellipsoid that holds its orbit, or fly without assurance"
-        )
-    return tide
-
-
-def _sunlight(dispersions: Dispersions, error: float) -> float:
-    """The greatest acceleration in m/s^2 by the Sun, whose direction nobody on board is told.
-
-    `error` is that of the spacecraft's mass, over it.
-    """
-    scenario = dispersions.scenario
-    far = _FAR * float(dispersions.body.keep_out_semi_axes.max())
-    return greatest_by_sun(scenario, (1.0 - error) * scenario.spacecraft.mass_kg, far)
+    return forces / craft.mass_kg + pushes + gravity + rotation
 
 
 def _mesh_differences(dispersions: Dispersions) -> tuple[float, float, float]:

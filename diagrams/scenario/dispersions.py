@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import functools
 import typing
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 
 from proxops.assets import ASSETS
@@ -19,23 +19,23 @@ from proxops.diagrams.scenario.distributions import (
 )
 from proxops.diagrams.scenario.keys import (
     default_at,
-    field_at,
+    dotted_fields,
     is_path,
     value_at,
     why_not_dispersed,
 )
 from proxops.diagrams.scenario.quantities import QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.typed_yaml import (
+from proxops.diagrams.yaml_files import (
+    file_of,
     fits,
     in_words,
     is_number,
-    is_yaml_path,
     read_mapping,
 )
-from proxops.systems.common import InputError, limits_of
+from proxops.systems.common import InputError, last_change, limits_of
 
-_FOLDER = ASSETS / "dispersions"
+_SHIPPED = {path.stem: path for path in sorted((ASSETS / "dispersions").glob("*.yaml"))}
 BASE = "based_on"
 """The key of a file that names the dispersions that it changes."""
 # The key whose values are paths, relative to the file.
@@ -72,7 +72,7 @@ class Dispersion:
     @property
     def limits(self) -> tuple[float, float] | None:
         """The least and the greatest number that the scenario permits; None without limits."""
-        return limits_of(field_at(self.key))
+        return limits_of(dotted_fields()[self.key])
 
     def in_its_unit(self, value: typing.Any, scenario: Scenario, body: Body) -> typing.Any:
         """Gives a value of the distribution, multiplied by its unit if it is a number."""
@@ -108,7 +108,7 @@ class Dispersions:
     """Before the draw."""
     body: Body
     """As believed."""
-    each: typing.Sequence[Dispersion] = ()
+    each: Sequence[Dispersion] = ()
     name: str = ""
     """The name or the path of the dispersions, for messages."""
 
@@ -120,11 +120,9 @@ class Dispersions:
           InputError: see `load_dispersions`.
         """
         name = name or scenario.dispersions
-        return (
-            cls(scenario, body)
-            if name is None
-            else cls(scenario, body, loaded_dispersions(name), name)
-        )
+        if name is None:
+            return cls(scenario, body)
+        return cls(scenario, body, load_dispersions(name), name)
 
     @property
     def keys(self) -> list[str]:
@@ -202,7 +200,7 @@ class Dispersions:
                     )
 
 
-def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
+def load_dispersions(name_or_path: str | Path) -> Sequence[Dispersion]:
     """Reads dispersions: a name that ships with proxops, or the path of a YAML file.
 
     Each key of the file is a dotted key of the scenario. Its value is a distribution, such as
@@ -213,6 +211,12 @@ def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
       InputError: there are no such dispersions; a key is unknown, or not of the world; or a
         distribution is wrong. The message names the file and the key.
     """
+    return _loaded(name_or_path, last_change(Path(name_or_path)))
+
+
+@functools.lru_cache(maxsize=4)
+def _loaded(name_or_path: str | Path, _changed: int) -> Sequence[Dispersion]:
+    """Read again only if the file has changed: each flight of a campaign asks for them."""
     found = []
     for key, entry in dispersion_entries(name_or_path).items():
         complaint = why_not_dispersed(key)
@@ -223,16 +227,17 @@ def load_dispersions(name_or_path: str | Path) -> list[Dispersion]:
         except InputError as error:
             raise InputError(f"{name_or_path}: {key} {error}") from error
         found.append(_in_folder(each, Path(name_or_path).parent) if key == _MESH else each)
-    return found
+    return tuple(found)
 
 
 def _in_folder(each: Dispersion, folder: Path) -> Dispersion:
     """Makes relative paths among values absolute."""
-
-    def read(value: typing.Any) -> typing.Any:
-        return str((folder / value).resolve()) if is_path(value) else value
-
-    return dc.replace(each, distribution=_with_each(each.distribution, read))
+    assert isinstance(each.distribution, Choice)
+    values = (
+        str((folder / value).resolve()) if is_path(value) else value
+        for value in each.distribution.values
+    )
+    return dc.replace(each, distribution=dc.replace(each.distribution, values=tuple(values)))
 
 
 def dispersion_entries(name_or_path: str | Path) -> dict[str, typing.Any]:
@@ -241,42 +246,16 @@ def dispersion_entries(name_or_path: str | Path) -> dict[str, typing.Any]:
     Raises:
       InputError: there are no such dispersions.
     """
-    path = Path(name_or_path)
-    if not is_yaml_path(name_or_path):
-        path = _FOLDER / f"{name_or_path}.yaml"
-        if path not in _shipped():
-            raise InputError(
-                f"no dispersions {name_or_path!r} ship with proxops ({_known()} do); for your own, "
-                "give the path of a .yaml file"
-            )
-    tree = dict(read_mapping(path))
-    base = tree.pop(BASE, None)
-    if base is None:
+    tree = read_mapping(file_of(name_or_path, _SHIPPED, "dispersions"))
+    if BASE not in tree:
         return tree
-    if _FOLDER / f"{base}.yaml" not in _shipped():
+    base = str(tree.pop(BASE))
+    if base not in _SHIPPED:
         raise InputError(
-            f"{name_or_path}: {BASE} must name dispersions that ship with proxops: {_known()}"
+            f"{name_or_path}: {BASE} must name dispersions that ship with proxops: "
+            f"{', '.join(_SHIPPED)}"
         )
     return dispersion_entries(base) | tree
-
-
-def _shipped() -> list[Path]:
-    return sorted(_FOLDER.glob("*.yaml"))
-
-
-def _known() -> str:
-    return ", ".join(path.stem for path in _shipped())
-
-
-def loaded_dispersions(name_or_path: str) -> list[Dispersion]:
-    """Gives what `load_dispersions` gives; it is read again only if the file has changed."""
-    path = Path(name_or_path)
-    return _loaded_at(name_or_path, path.stat().st_mtime_ns if path.is_file() else 0)
-
-
-@functools.lru_cache(maxsize=4)
-def _loaded_at(name_or_path: str, changed: int) -> list[Dispersion]:
-    return load_dispersions(name_or_path)
 
 
 def _parse(key: str, entry: typing.Any) -> Dispersion:
@@ -293,25 +272,10 @@ def _parse(key: str, entry: typing.Any) -> Dispersion:
     return Dispersion(key, distribution, times, str(entry.get("source", "")))
 
 
-def _with_each(
-    distribution: Distribution, read: Callable[[typing.Any], typing.Any]
-) -> Distribution:
-    """The distribution with each value that a file gives one by one read anew."""
-    if isinstance(distribution, Choice):
-        return dc.replace(distribution, values=tuple(map(read, distribution.values)))
-    return distribution
-
-
-def _types_of(key: str) -> tuple[typing.Any, ...]:
-    """The types of which a key's value may be; of a list, those of its numbers."""
-    kind = field_at(key).type
-    # Of a list, each number is drawn by itself.
-    return typing.get_args(kind) or (kind,)
-
-
 def _check_values(key: str, distribution: Distribution) -> None:
     """Raises `InputError` if a value may be drawn that the scenario's key does not take."""
-    options: typing.Sequence[typing.Any] = _types_of(key)
+    kind = dotted_fields()[key].type
+    options: Sequence[typing.Any] = typing.get_args(kind) or (kind,)  # Of a list, its numbers'.
     if isinstance(distribution, Choice):
         values = distribution.values
     else:
@@ -320,7 +284,7 @@ def _check_values(key: str, distribution: Distribution) -> None:
     for value in values:
         if not any(fits(value, option) for option in options):
             wanted = " or ".join(map(in_words, options))
-            of_list = typing.get_origin(field_at(key).type) is list
+            of_list = typing.get_origin(kind) is list
             each = " for each number of the list" if of_list else ""
             raise InputError(f"needs {wanted}{each}, got {value!r}")
         if is_number(value):

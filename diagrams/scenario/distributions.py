@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from scipy.special import ndtr, ndtri
 
-from proxops.diagrams.scenario.typed_yaml import is_number
+from proxops.diagrams.yaml_files import is_number
 from proxops.systems.common import InputError
 
 # Values are cut at this many standard deviations, so that bounds exist.

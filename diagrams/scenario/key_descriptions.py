@@ -13,9 +13,8 @@ import textwrap
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 
-from proxops.diagrams.scenario.plain_yaml import write_yaml
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.typed_yaml import in_words
+from proxops.diagrams.yaml_files import in_words, sections_of, write_yaml
 from proxops.systems.common import choices_of, limits_in_words, unit_of
 
 _FIELD = re.compile(r"((?:^    #.*\n)*)^    (\w+): ", re.MULTILINE)
@@ -49,12 +48,7 @@ def described_keys(schema: type = Scenario) -> tuple[DescribedKey, ...]:
 
 
 def _described(field: dc.Field, meaning: str) -> DescribedKey:
-    options = typing.get_args(field.type) or (field.type,)
-    sections = {
-        each.__name__.removesuffix("Config"): described_keys(each)
-        for each in options
-        if isinstance(each, type) and dc.is_dataclass(each)
-    }
+    sections = {tag: described_keys(each) for tag, each in sections_of(field.type).items()}
     made = field.default if field.default_factory is dc.MISSING else field.default_factory()
     if dc.is_dataclass(made):
         default = f"!{type(made).__name__.removesuffix('Config')}" if len(sections) > 1 else ""
@@ -64,7 +58,7 @@ def _described(field: dc.Field, meaning: str) -> DescribedKey:
     choices = choices_of(field) or (("true", "false") if field.type is bool else ())
     limits = limits_in_words(field) or " or ".join(choices)
     if not limits and not sections:
-        limits = " or ".join(map(in_words, options if type(None) in options else (field.type,)))
+        limits = in_words(field.type)
     return DescribedKey(
         field.name, default, unit_of(field), limits, meaning, (*sections, *choices), sections
     )

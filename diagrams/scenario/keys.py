@@ -15,10 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from proxops.diagrams.scenario.plain_yaml import TAG, read_yaml
 from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.typed_yaml import is_number, is_yaml_path
+from proxops.diagrams.yaml_files import TAG, is_number, is_yaml_path, read_yaml, sections_of
 from proxops.systems.common import InputError
 
 Overrides = typing.Sequence[str] | typing.Mapping[str, typing.Any]
@@ -34,49 +33,24 @@ _NAMES_OR_PATHS = ("body", "dispersions", "assurance.bounds", "spacecraft.model"
 
 
 @functools.cache
-def dotted_keys() -> tuple[str, ...]:
-    """Gives the dotted keys of all values of a scenario; a section is none."""
-    return tuple(_leaves(Scenario))
+def dotted_fields() -> dict[str, dc.Field]:
+    """Gives the fields of all values of a scenario by their dotted keys; a section is none."""
+    return dict(_leaves(Scenario))
 
 
-def _leaves(schema: type, prefix: str = "") -> Iterator[str]:
-    """Yields the dotted keys of all values of a dataclass."""
+def _leaves(schema: type, prefix: str = "") -> Iterator[tuple[str, dc.Field]]:
+    """Yields the dotted keys and the fields; of several dataclasses of a section, of the first."""
     for field in dc.fields(schema):
-        nested = _section(field)
-        if nested is None:
-            yield prefix + field.name
+        if sections := [*sections_of(field.type).values()]:
+            yield from _leaves(sections[0], f"{prefix}{field.name}.")
         else:
-            yield from _leaves(nested, f"{prefix}{field.name}.")
-
-
-def _section(field: dc.Field) -> type | None:
-    """Gives the dataclass of a field that is a section; None for a value."""
-    options = typing.get_args(field.type) or (field.type,)
-    return next(
-        (each for each in options if isinstance(each, type) and dc.is_dataclass(each)), None
-    )
-
-
-@functools.cache
-def field_at(key: str) -> dc.Field:
-    """Gives the field of a dotted key."""
-    schema: typing.Any = Scenario
-    *parents, last = key.split(".")
-    for name in parents:
-        schema = _section(_field_of(schema, name))
-    return _field_of(schema, last)
-
-
-def _field_of(schema: type, name: str) -> dc.Field:
-    return next(each for each in dc.fields(schema) if each.name == name)
+            yield prefix + field.name, field
 
 
 def default_at(key: str) -> typing.Any:
     """Gives the default of a dotted key."""
-    field = field_at(key)
-    if field.default_factory is not dc.MISSING:
-        return field.default_factory()
-    return field.default
+    field = dotted_fields()[key]
+    return field.default if field.default_factory is dc.MISSING else field.default_factory()
 
 
 def value_at(scenario: Scenario, key: str) -> typing.Any:
@@ -95,10 +69,11 @@ def set_value(scenario: Scenario, key: str, value: typing.Any) -> None:
     section: typing.Any = scenario
     for name in parents:
         if getattr(section, name) is None:
-            field = _field_of(type(section), name)
-            setattr(section, name, typing.cast(type, _section(field))())
+            [field] = (each for each in dc.fields(section) if each.name == name)
+            [made] = sections_of(field.type).values()
+            setattr(section, name, made())
         section = getattr(section, name)
-    if field_at(key).type is int and is_number(value):
+    if dotted_fields()[key].type is int and is_number(value):
         value = math.floor(value + 0.5)
     setattr(section, last, value)
 
@@ -107,7 +82,7 @@ def why_not_dispersed(key: typing.Any) -> str | None:
     """Says why no value of this key can be dispersed; None: it can be."""
     if key in QUANTITY:
         return None
-    if key not in dotted_keys():
+    if key not in dotted_fields():
         near = difflib.get_close_matches(str(key), QUANTITY, n=1, cutoff=0.0)[0]
         return f"there is no key {key!r} in a scenario; the nearest is {near}"
     return (
@@ -131,7 +106,7 @@ def differing_values(scenario: Scenario) -> dict[str, typing.Any]:
     drawn = {*scenario.dispersed}
     return {
         key: value_at(scenario, key)
-        for key in dotted_keys()
+        for key in dotted_fields()
         if key in drawn
         or (key.startswith("truth.") and differs(key) and differs(QUANTITY[key].needs or key))
     }

@@ -7,20 +7,20 @@ import typing
 from pathlib import Path
 
 from proxops.assets import ASSETS
-from proxops.diagrams.scenario.dispersions import loaded_dispersions
+from proxops.diagrams.scenario.dispersions import load_dispersions
 from proxops.diagrams.scenario.keys import (
     Overrides,
     apply_overrides,
     given_keys,
     make_paths_absolute,
     overrides_of,
-    why_not_dispersed,
 )
+from proxops.diagrams.scenario.quantities import QUANTITY
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.typed_yaml import (
+from proxops.diagrams.yaml_files import (
     dump_typed,
-    is_yaml_path,
+    file_of,
     load_typed,
     parse_mapping,
     read_mapping,
@@ -70,33 +70,24 @@ def load_scenario(
     overrides = {**overrides_of(overrides), **values}
     if transit is not None:
         overrides["transit.index"] = transit
-    source = "scenario" if path is None else str(path)
+    tree: dict[str, typing.Any] = {}
     if path is not None:
-        path = _file_of(path)
-    tree = {} if path is None else read_mapping(path)
-    if path is not None:
-        make_paths_absolute(tree, path.parent)
+        file = _file_of(path)
+        tree = read_mapping(file)
+        make_paths_absolute(tree, file.parent)
     _change(tree, overrides)
     if on_true_state:
         tree.setdefault("navigation", {"_tag": "!TrueState"})
-    scenario = load_typed(Scenario, tree, source)
-    check_scenario(scenario, source)
-    _check_not_drawn(scenario, overrides)
-    return scenario
+    return _made(tree, "scenario" if path is None else str(path), overrides)
 
 
 def _file_of(name_or_path: str | Path) -> Path:
-    """Gives the file of a scenario that ships under a name, or the path that was given."""
-    shipped, path = shipped_scenarios(), Path(name_or_path)
-    if str(name_or_path) in shipped:
-        return shipped[str(name_or_path)]
+    """Gives the file of a scenario that ships under a name, or the path of any file that exists."""
+    shipped = shipped_scenarios()
     # Unlike this, Path.exists raises if a name is too long.
-    if not is_yaml_path(name_or_path) and not os.path.exists(path):  # noqa: PTH110
-        raise InputError(
-            f"scenario {str(name_or_path)!r} does not ship with proxops ({', '.join(shipped)} do); "
-            "for your own, give the path of its .yaml file"
-        )
-    return path
+    if str(name_or_path) not in shipped and os.path.exists(name_or_path):  # noqa: PTH110
+        return Path(name_or_path)
+    return file_of(name_or_path, shipped, "scenario")
 
 
 def dump_scenario(scenario: Scenario) -> str:
@@ -110,23 +101,13 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     Raises:
       InputError: the text is not a scenario; see `load_scenario`.
     """
-    try:
-        return copy.deepcopy(_parsed(text))
-    except InputError:
-        return _read(text, source)  # The message says where the text is from.
+    return copy.deepcopy(_parsed(text, source))
 
 
 # Reading YAML takes 20 ms, and each flight's text is read several times.
 @functools.lru_cache(maxsize=4)
-def _parsed(text: str) -> Scenario:
-    return _read(text, "scenario")
-
-
-def _read(text: str, source: str) -> Scenario:
-    tree = parse_mapping(text, source)
-    scenario = load_typed(Scenario, tree, source)
-    check_scenario(scenario, source)
-    return scenario
+def _parsed(text: str, source: str) -> Scenario:
+    return _made(parse_mapping(text, source), source)
 
 
 def change_scenario(scenario: Scenario, changes: Overrides) -> Scenario:
@@ -143,20 +124,23 @@ def change_scenario(scenario: Scenario, changes: Overrides) -> Scenario:
     """
     tree = tree_of(scenario)
     _change(tree, changes)
-    changed = load_typed(Scenario, tree, "scenario")
-    check_scenario(changed, "scenario")
-    _check_not_drawn(changed, changes)
-    return changed
+    return _made(tree, "scenario", changes)
+
+
+def _made(tree: typing.Mapping[str, typing.Any], source: str, changes: Overrides = ()) -> Scenario:
+    """Makes and checks the scenario of nested dicts, to which changes have been made."""
+    scenario = load_typed(Scenario, tree, source)
+    check_scenario(scenario, source)
+    _check_not_drawn(scenario, changes)
+    return scenario
 
 
 def _check_not_drawn(scenario: Scenario, changes: Overrides) -> None:
     """Raises `InputError` if a changed value would be replaced by one that dispersions draw."""
-    if scenario.dispersions is None:
-        return
-    given = [key for key in given_keys(changes) if why_not_dispersed(key) is None]
-    if not given:
+    given = QUANTITY.keys() & given_keys(changes)
+    if scenario.dispersions is None or not given:
         return  # So the dispersions need not be there yet.
-    for each in loaded_dispersions(scenario.dispersions):
+    for each in load_dispersions(scenario.dispersions):
         if each.key in given and each.times != "value":
             raise InputError(
                 f"{each.key} is given, but dispersions {scenario.dispersions} draw it for each "

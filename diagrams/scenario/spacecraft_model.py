@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from proxops.assets import ASSETS
-from proxops.diagrams.scenario.typed_yaml import is_yaml_path, load_typed, read_mapping
+from proxops.diagrams.yaml_files import file_of, load_typed, read_mapping
 from proxops.systems.attitude import (
     AttitudeGuidanceConfig,
     AttitudeNoise,
@@ -28,10 +28,13 @@ from proxops.systems.common import (
     check_limits,
     config,
     html_table,
+    last_change,
     number,
 )
 
-_FOLDER = ASSETS / "spacecraft"
+_SHIPPED = {
+    path.parent.name: path for path in sorted((ASSETS / "spacecraft").glob("*/spacecraft.yaml"))
+}
 _MOST_THRUSTERS = 100
 # Radii of gyration in m of anything from a cube of 10 cm to a space station.
 _GYRATION = (0.03, 100.0)
@@ -148,23 +151,9 @@ def load_spacecraft(name_or_path: str) -> SpacecraftModel:
         that no body has; a wheel is no joint that turns; or the thrusters cannot give a force along
         an axis, or a torque about one.
     """
-    path = Path(name_or_path)
-    if not is_yaml_path(name_or_path):
-        path = _FOLDER / name_or_path / "spacecraft.yaml"
-        if not path.is_file():
-            known = sorted(each.parent.name for each in _FOLDER.glob("*/spacecraft.yaml"))
-            raise InputError(
-                f"spacecraft {name_or_path!r} does not ship with proxops ({', '.join(known)} do); "
-                "for another one give the path of its .yaml file"
-            )
-    settings = _settings(path, _changed(path))
-    bus = path.parent / settings.bus
-    return _made(path, _changed(path), _changed(bus) if settings.bus else 0)
-
-
-def _changed(path: Path) -> int:
-    """When a file was last changed, so that it is read again; 0: it does not exist."""
-    return path.stat().st_mtime_ns if path.is_file() else 0
+    path = file_of(name_or_path, _SHIPPED, "spacecraft.model")
+    settings = _settings(path, last_change(path))
+    return _made(path, last_change(path), last_change(path.parent / settings.bus))
 
 
 @functools.lru_cache(maxsize=8)

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from proxops.diagrams.scenario.body import Body, apparent_gravity, load_body
+from proxops.diagrams.scenario.body import Body, apparent_gravity
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.tasks import TouchAndGoConfig
 from proxops.diagrams.scenario.touchable import touch_ends
+from proxops.diagrams.scenario.true_body import TrueBody, UnflyableWorldError
 from proxops.systems.common import InputError, Values, Vector3, Vectors3, generator
 from proxops.systems.gravity import moon_position
 from proxops.systems.shapes import blocks_segment, clearances
@@ -24,10 +25,6 @@ _ATTEMPTS = 100_000
 _LOOKS = 5
 
 
-class UnflyableWorldError(InputError):
-    """A flight cannot begin in the world that was drawn for it."""
-
-
 @dc.dataclass(frozen=True)
 class Transit:
     """A transit from `start` to rest in K at `goal`, both positions (3,) in K, in m."""
@@ -38,27 +35,6 @@ class Transit:
     goal: np.ndarray
     start_velocity: Vector3 = dc.field(default_factory=lambda: np.zeros(3))
     """Velocity (3,) in K at the start, in m/s; by default the spacecraft is at rest in K."""
-
-
-def transit_set(seed: int, count: int, scenario: Scenario | None = None) -> list[Transit]:
-    """Draws the first `count` transits of a seed; a longer set begins with the shorter one.
-
-    Starts and goals are uniform in the scenario's cube, outside the keep-out ellipsoid with the
-    end clearance added to each semi-axis, and at a distance from each other that the scenario
-    permits. Hovering there takes at most the permitted share of the thrust limit. The ellipsoid
-    blocks the straight line of three transits in ten, and of no other.
-
-    Args:
-      seed: seed of the set.
-      count: number of transits.
-      scenario: None: the default scenario.
-
-    Raises:
-      InputError: see `draw_transit`.
-    """
-    scenario = scenario or Scenario()
-    body = load_body(scenario.body)
-    return [draw_transit(seed, index, scenario, body) for index in range(count)]
 
 
 def of_transit(scenario: Scenario, seed: int, index: int) -> Scenario:
@@ -90,6 +66,11 @@ def is_blocked(index: int) -> bool:
 
 def draw_transit(seed: int, index: int, scenario: Scenario, body: Body) -> Transit:
     """Draws transit number `index` of a seed; the result depends on the arguments alone.
+
+    Starts and goals are uniform in the scenario's cube, outside the keep-out ellipsoid with the
+    end clearance added to each semi-axis, and at a distance from each other that the scenario
+    permits. Hovering there takes at most the permitted share of the thrust limit. The ellipsoid
+    blocks the straight line of three transits in ten, and of no other.
 
     Raises:
       InputError: no transit was found, because the cube, the distances or the thrust do not fit
@@ -216,3 +197,26 @@ def _way_home(scenario: Scenario, body: Body, task: TouchAndGoConfig) -> Transit
                 "set task.descent.home_m higher, or choose another task.site"
             )
     return Transit(rules.seed, rules.index, start, home, velocity)
+
+
+def check_flyable(true_body: TrueBody, transit: Transit, scenario: Scenario) -> None:
+    """Checks that a spacecraft can be at rest at both ends of a transit in the true world.
+
+    Raises:
+      UnflyableWorldError: the start or the goal is inside the true body, or hovering there takes
+        more than the true thrust; the message says which.
+    """
+    truth, craft = scenario.truth, scenario.spacecraft
+    ends = np.stack([transit.start, transit.goal])
+    inside = true_body.gravity_field.evaluate(ends).inside
+    need = truth.mass * craft.mass_kg * np.abs(true_body.apparent_gravity(ends))
+    limit = craft.thrust_limit_n * np.array(truth.thrusters.scale)
+    for k, name in enumerate(("start", "goal")):
+        if inside[k]:
+            raise UnflyableWorldError(f"the {name} is inside the true body")
+        axis = int(np.argmax(need[k] - limit))
+        if need[k][axis] > limit[axis]:
+            raise UnflyableWorldError(
+                f"hovering at the {name} takes {need[k][axis]:.3g} N along {'xyz'[axis]}, but the "
+                f"true thrusters give {limit[axis]:.3g} N"
+            )

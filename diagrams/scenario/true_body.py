@@ -12,9 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario.body import Body, apparent_gravity
-from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
-from proxops.diagrams.scenario.transits import Transit, UnflyableWorldError
-from proxops.systems.common import InputError, Vector3, Vectors3
+from proxops.diagrams.scenario.scenario_config import TruthConfig
+from proxops.systems.common import InputError, Vector3, Vectors3, last_change
 from proxops.systems.gravity import FINE_MESH, BodyField, GravityField, ScaledField, TabulatedField
 from proxops.systems.rotation import SpinModel, SteadySpin, TorqueFreeSpin
 from proxops.systems.shapes import (
@@ -32,6 +31,10 @@ from proxops.systems.shapes import (
 _OTHER_SIZE = 0.5
 # A drawn spin axis is this many times as long as the body's greatest extent, so that it sticks out.
 _AXIS_LENGTH = 1.2
+
+
+class UnflyableWorldError(InputError):
+    """A flight cannot begin in the world that was drawn for it."""
 
 
 @dataclass(frozen=True)
@@ -138,9 +141,8 @@ def true_shape(body: Body, truth: TruthConfig) -> Polyhedron:
     """
     shape = body.shape
     if truth.mesh is not None:
-        path = Path(truth.mesh)
-        changed = path.stat().st_mtime_ns if path.is_file() else 0
-        shape = _other_mesh(body.shape, path, changed, truth.mesh_unit, truth.mesh_of_any_size)
+        path, unit = Path(truth.mesh), truth.mesh_unit
+        shape = _other_mesh(body.shape, path, last_change(path), unit, truth.mesh_of_any_size)
     if truth.surface_rms_m > 0.0:
         try:
             shape = displaced(
@@ -166,29 +168,6 @@ def _other_mesh(
             f"(now {unit}), or set truth.mesh_of_any_size if this is meant"
         )
     return registered(mesh, map_shape)
-
-
-def check_flyable(true_body: TrueBody, transit: Transit, scenario: Scenario) -> None:
-    """Checks that a spacecraft can be at rest at both ends of a transit in the true world.
-
-    Raises:
-      UnflyableWorldError: the start or the goal is inside the true body, or hovering there takes
-        more than the true thrust; the message says which.
-    """
-    truth, craft = scenario.truth, scenario.spacecraft
-    ends = np.stack([transit.start, transit.goal])
-    inside = true_body.gravity_field.evaluate(ends).inside
-    need = truth.mass * craft.mass_kg * np.abs(true_body.apparent_gravity(ends))
-    limit = craft.thrust_limit_n * np.array(truth.thrusters.scale)
-    for k, name in enumerate(("start", "goal")):
-        if inside[k]:
-            raise UnflyableWorldError(f"the {name} is inside the true body")
-        axis = int(np.argmax(need[k] - limit))
-        if need[k][axis] > limit[axis]:
-            raise UnflyableWorldError(
-                f"hovering at the {name} takes {need[k][axis]:.3g} N along {'xyz'[axis]}, but the "
-                f"true thrusters give {limit[axis]:.3g} N"
-            )
 
 
 def turns_the_axes(truth: TruthConfig, body: Body, true_body: TrueBody) -> bool:

@@ -1,4 +1,4 @@
-"""The navigation's filter tuning: one standard deviation of all that it may be wrong about.
+"""Filter tuning: one standard deviation of all that navigation or a survey may be wrong about.
 
 It is as the scenario gives it, else as the dispersions say, else the usual, in proportion to the
 body.
@@ -6,33 +6,30 @@ body.
 
 from __future__ import annotations
 
+import copy
 import dataclasses as dc
 import functools
 import math
-from typing import TypeVar
+import typing
 
 import numpy as np
 
 from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.dispersions import Dispersions
+from proxops.diagrams.scenario.keys import set_value
 from proxops.diagrams.scenario.quantities import QUANTITIES
-from proxops.diagrams.scenario.scenario_config import Scenario
+from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
+from proxops.diagrams.scenario.sky import greatest_from_sky
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
-from proxops.diagrams.scenario.sunlit import greatest_by_sun
 from proxops.systems.attitude import settled_noise
 from proxops.systems.common import LONG, InputError, limits_of
-from proxops.systems.gravity import GravityField, greatest_tide
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
 from proxops.systems.navigation import ExpectedErrors, LidarNavigationConfig, shift_of_centre
-from proxops.systems.shapes import BouldersConfig, Polyhedron, relief_of
-from proxops.systems.vehicle import (
-    STANDARD_GRAVITY,
-    ForceNoiseConfig,
-    KicksConfig,
-    RandomWalkDisturbanceConfig,
-)
+from proxops.systems.shapes import Polyhedron, relief_of
+from proxops.systems.vehicle import STANDARD_GRAVITY
 
-_Drawn = ForceNoiseConfig | KicksConfig | RandomWalkDisturbanceConfig | BouldersConfig
-_Section = TypeVar("_Section", ForceNoiseConfig, KicksConfig, RandomWalkDisturbanceConfig)
+if typing.TYPE_CHECKING:
+    from proxops.systems.mapping import Expected
 
 # The default of surface_correlation_m is for this greatest extent in m, Kleopatra's.
 _SIZE = 218.864e3
@@ -43,6 +40,16 @@ _USUAL_COMMAND = 0.05
 # its root mean square, which no world exceeds. A surface that is rougher than declared makes the
 # filter overconfident; a smoother one costs little.
 _ROUGHER = 3.0
+# Sections whose dispersed values are taken as they are, not as errors.
+_AS_DISPERSED = ("disturbance.", "force_noise.", "kicks.", "truth.boulders.")
+# Of what is not dispersed, a survey still expects so much.
+_LEAST = {
+    "truth.gravity": 1e-2,
+    "truth.pole_deg": 0.1,
+    "truth.spin": 1e-6,
+    "truth.attitude.constant_deg": 1e-3,
+    "truth.attitude.varying_std_deg": 1e-4,
+}
 
 
 def filter_tuning(scenario: Scenario, body: Body) -> ExpectedErrors:
@@ -87,10 +94,8 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
             setattr(errors, name, math.hypot(*found))
     # Most worlds have a smoother surface, but some one that is nearly as rough.
     errors.surface_rms_m *= _ROUGHER
-    boulders = dc.replace(
-        BouldersConfig(), **_drawn(dispersions, "truth.boulders", BouldersConfig())
-    )
-    relief = relief_of(boulders, body.shape)
+    world = _expected_world(dispersions)
+    relief = relief_of(world.truth.boulders, body.shape)
     if any(relief):
         errors.relief_rms_m, errors.relief_correlation_m = relief
     craft = scenario.spacecraft
@@ -118,55 +123,80 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
     contrast = dispersions.rms("truth.density_contrast")
     if contrast is not None:
         errors.centre_of_mass_m = _shift(body.shape, body.gravity_field.mass, contrast)
-    _add_disturbances(errors, dispersions)
+    _add_disturbances(errors, world, body)
     return _within_limits(errors)
 
 
-def _add_disturbances(errors: ExpectedErrors, dispersions: Dispersions) -> None:
+def _expected_world(dispersions: Dispersions) -> Scenario:
+    """The scenario as believed, with disturbances and boulders as large as they are dispersed."""
+    world = copy.deepcopy(dispersions.scenario)
+    world.truth = TruthConfig()
+    for key in dispersions.keys:
+        rms = dispersions.rms(key)
+        if key.startswith(_AS_DISPERSED) and rms is not None:
+            set_value(world, key, rms)
+    return world
+
+
+def _add_disturbances(errors: ExpectedErrors, world: Scenario, body: Body) -> None:
     """Adds disturbance, force noise, kicks and sunlight to the acceleration that varies, in place.
 
     Each is taken as a Gauss-Markov process, and their sum as one with the same variance and the
     same effect on the velocity over long times.
     """
-    craft, period = dispersions.scenario.spacecraft, dispersions.scenario.control_period_s
+    craft, period = world.spacecraft, world.control_period_s
+    noise, walk, kicks = world.force_noise, world.disturbance, world.kicks
     parts = [(errors.acceleration_varying_m_s2, errors.acceleration_correlation_s)]
-    noise = _expected_section(dispersions, "force_noise", ForceNoiseConfig())
     if noise is not None:
         parts.append((noise.std_n / craft.mass_kg, max(noise.correlation_time_s, 0.5 * period)))
-    walk = _expected_section(dispersions, "disturbance", RandomWalkDisturbanceConfig())
     if walk is not None:
         force = walk.max_relative_magnitude * _USUAL_COMMAND * craft.thrust_limit_n
         parts.append((force / craft.mass_kg, 0.5 * walk.reset_period_s))
-    kicks = _expected_section(dispersions, "kicks", KicksConfig())
     if kicks is not None:
         pushes = kicks.velocity_std_m_s / math.sqrt(kicks.mean_interval_s * period)
         parts.append((pushes, 0.5 * period))
     # In K the Sun and moons go round with the spin: what is constant there would be trusted.
-    body, sunlight = dispersions.body, dispersions.scenario.sunlight
     far, turn = float(body.keep_out_semi_axes.max()), min(1.0 / body.spin_rate, LONG)
-    if body.config.moons:
-        parts.append((greatest_tide(body.config.moons, far, body.moon_depths), turn))
-    if sunlight is not None:
-        parts.append((greatest_by_sun(dispersions.scenario, craft.mass_kg, far), turn))
+    pushes_of_sky = greatest_from_sky(world, body, craft.mass_kg, far)
+    parts += [(push, turn) for push in pushes_of_sky if push > 0.0]
     variance = sum(std**2 for std, _ in parts)
     if len(parts) > 1 and variance > 0.0:
         errors.acceleration_varying_m_s2 = math.sqrt(variance)
         errors.acceleration_correlation_s = sum(std**2 * time for std, time in parts) / variance
 
 
-def _expected_section(dispersions: Dispersions, name: str, default: _Section) -> _Section | None:
-    """Gives a section of the scenario with what its dispersed values are expected to be."""
-    drawn = _drawn(dispersions, name, default)
-    section = getattr(dispersions.scenario, name)
-    if section is None and not drawn:
-        return None
-    return dc.replace(section or default, **drawn)
+def survey_errors(scenario: Scenario, body: Body) -> Expected:
+    """Gives one standard deviation of what a survey may be wrong about: see `Expected`."""
+    from proxops.systems.mapping import Expected  # Slow to import, and few flights are surveys.
 
+    dispersions = Dispersions.of(scenario, body)
 
-def _drawn(dispersions: Dispersions, name: str, section: _Drawn) -> dict[str, float]:
-    """Gives what the dispersed values of a section are expected to be."""
-    drawn = {field.name: dispersions.rms(f"{name}.{field.name}") for field in dc.fields(section)}
-    return {key: value for key, value in drawn.items() if value is not None}
+    def rms(key: str) -> float:
+        return max(dispersions.rms(key) or 0.0, _LEAST.get(key, 0.0))
+
+    usual = Expected()
+    gm, radius = body.gravity_field.mass * GRAVITATIONAL_CONSTANT, float(body.shape.extents.max())
+    times = dispersions.ends("truth.acceleration.correlation_time_s")
+    turning = dispersions.ends("truth.attitude.correlation_time_s")
+    return Expected(
+        gravity=rms("truth.gravity"),
+        pole=math.radians(rms("truth.pole_deg")),
+        rate=rms("truth.spin"),
+        mounting=math.radians(rms("truth.attitude.constant_deg")),
+        turning=math.radians(rms("truth.attitude.varying_std_deg")),
+        turning_time=turning[1] if turning else usual.turning_time,
+        noise=scenario.lidar.noise_std_m,
+        bias=rms("truth.lidar.bias_m"),
+        scale=rms("truth.lidar.scale_error"),
+        beam=0.5 * rms("truth.lidar.beam_width_rad"),
+        acceleration=rms("truth.acceleration.constant_m_s2"),
+        # A path of a few knots is never more exact than this share of gravity.
+        varying=math.hypot(rms("truth.acceleration.varying_std_m_s2"), 1e-4 * gm / radius**2),
+        varying_time=times[1] if times else usual.varying_time,
+        thrust=math.hypot(
+            rms("truth.thrusters.scale"), math.radians(rms("truth.thrusters.direction_deg")), 1e-2
+        ),
+    )
 
 
 @functools.lru_cache(maxsize=4)

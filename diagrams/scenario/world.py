@@ -19,8 +19,8 @@ from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
 from proxops.diagrams.scenario.tasks import MissionConfig, SurveyConfig, TouchAndGoConfig
 from proxops.diagrams.scenario.tasks import Transit as TransitTask
 from proxops.diagrams.scenario.touchable import with_site
-from proxops.diagrams.scenario.transits import Transit, scenario_transit
-from proxops.diagrams.scenario.true_body import TrueBody, check_flyable, make_true_body
+from proxops.diagrams.scenario.transits import Transit, check_flyable, scenario_transit
+from proxops.diagrams.scenario.true_body import TrueBody, make_true_body
 from proxops.diagrams.scenario.tuning import expected_errors, filter_tuning
 from proxops.systems.assurance import AssuranceBounds
 from proxops.systems.common import InputError, derived_seed, generator

@@ -20,9 +20,9 @@ from proxops.diagrams.scenario import (
     dispersion_entries,
     dump_scenario,
     expected_of,
-    write_yaml,
 )  # fmt: skip
 from proxops.diagrams.surveys.survey_flight import SurveyFlight
+from proxops.diagrams.yaml_files import write_yaml
 from proxops.systems.common import (
     InputError,
     Matrix3,

@@ -19,10 +19,10 @@ from proxops.diagrams.scenario import (
     dump_scenario,
     load_body,
     of_transit,
-    parse_mapping,
     parse_scenario,
     with_ends,
 )
+from proxops.diagrams.yaml_files import parse_mapping
 from proxops.systems.common import InputError, write_whole
 
 TRACKS = {

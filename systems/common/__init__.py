@@ -47,6 +47,7 @@ from proxops.systems.common.errors import InputError, SolverFailure
 from proxops.systems.common.extras import needed
 from proxops.systems.common.files import (
     file_sha256,
+    last_change,
     make_folder,
     whole_folder,
     write_json,
@@ -134,6 +135,7 @@ __all__ = [
     "keep_arrays",
     "kept_arrays",
     "kernel",
+    "last_change",
     "limits_in_words",
     "limits_of",
     "make_folder",

@@ -32,6 +32,11 @@ def make_folder(folder: Path) -> None:
         raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
 
 
+def last_change(path: Path) -> int:
+    """Gives when a file was last changed, in ns, for caches of what is in it; 0: there is none."""
+    return path.stat().st_mtime_ns if path.is_file() else 0
+
+
 def write_whole(path: Path, write: Callable[[Path], typing.Any]) -> None:
     """Writes a file completely or not at all.
 

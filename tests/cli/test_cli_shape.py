@@ -10,12 +10,12 @@ import trimesh
 from contact_binary import contact_binary, together
 from plain_polyhedral_gravity import star_shaped
 from short_flights import kleopatra, obj_text
+from transit_sets import transit_set
 
 from proxops.assets import ASSETS
 from proxops.assets.random_bodies import random_body
 from proxops.diagrams.new_body.body_setup import body_yaml, scaled_scenario
 from proxops.diagrams.scenario import Scenario, load_body, load_scenario
-from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems.rotation import TorqueFreeSpin
 from proxops.systems.shapes.polyhedron import Polyhedron
 

@@ -104,7 +104,7 @@ def kind_of(mix: Mapping[str, int], index: int) -> str:
 def flight_scenario(kind: str, scenario: Scenario, body: Body, seed: int, index: int) -> Scenario:
     """The scenario of an expert flight of a kind; it depends on the arguments alone.
 
-    Goals are those of `transit_set(seed)`. A disturbance has the settings in `scenario`. Without
+    Goals are those of the transits of `seed`. A disturbance has the settings in `scenario`. Without
     any, it has the default ones, in proportion to the spacecraft's thrust, speed limit and control
     period. Disturbances that belong to other kinds are left out.
 

@@ -6,7 +6,7 @@ import dataclasses as dc
 
 import numpy as np
 
-from proxops.diagrams.scenario import parse_mapping
+from proxops.diagrams.yaml_files import parse_mapping
 from proxops.training.data.flight_columns import Setting
 
 # The length that positions are scaled by, as a share of the keep-out's greatest semi-axis.

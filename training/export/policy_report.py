@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from proxops.diagrams.scenario import parse_mapping
+from proxops.diagrams.yaml_files import parse_mapping
 from proxops.systems.common import write_json
 from proxops.systems.policy import PolicyFacts
 from proxops.training.data import PARTS, PackedFlights, part_rows

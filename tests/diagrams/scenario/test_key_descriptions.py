@@ -12,13 +12,13 @@ from proxops.diagrams.scenario import (
     load_scenario,
     parse_scenario,
 )
-from proxops.diagrams.scenario.keys import dotted_keys
+from proxops.diagrams.scenario.keys import dotted_fields
 from proxops.systems.common import InputError
 
 
 def test_every_key_is_described() -> None:
     names = dict(dotted())
-    assert {*dotted_keys()} <= names.keys()
+    assert {*dotted_fields()} <= names.keys()
     for name, key in names.items():
         assert key.limits or key.sections, name
 

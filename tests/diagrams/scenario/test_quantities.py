@@ -9,7 +9,7 @@ import pytest
 from short_flights import kleopatra
 
 from proxops.diagrams.scenario import QUANTITIES, World, load_dispersions, load_scenario
-from proxops.diagrams.scenario.keys import default_at, dotted_keys
+from proxops.diagrams.scenario.keys import default_at, dotted_fields
 from proxops.diagrams.scenario.quantities import HARMLESS, Quantity
 from proxops.systems.assurance import AssuranceBounds
 from proxops.systems.common import InputError
@@ -60,7 +60,7 @@ def test_every_uncertain_value_has_a_row() -> None:
     rows = [each.key for each in QUANTITIES]
     assert len(set(rows)) == len(rows)
     known = {each.key for each in QUANTITIES if each.known}
-    assert set(rows) - known == {key for key in dotted_keys() if key.startswith(SECTIONS)}
+    assert set(rows) - known == {key for key in dotted_fields() if key.startswith(SECTIONS)}
     assert known == {"lidar.noise_std_m", "spacecraft.mass_kg"}
 
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from plain_polyhedral_gravity import PlainPolyhedralGravity
 from short_flights import kleopatra, write_blob
+from transit_sets import transit_set
 
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.transits import Transit, draw_transit, scenario_transit, transit_set
+from proxops.diagrams.scenario.transits import Transit, draw_transit, scenario_transit
 from proxops.systems.common.errors import InputError
 
 AXES = np.array([140e3, 70e3, 65e3])

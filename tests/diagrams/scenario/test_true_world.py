@@ -15,8 +15,7 @@ from proxops.diagrams.flight import fly, make_transit_diagram, named_controller
 from proxops.diagrams.logs.flight_log import FlightLog, differences
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
-from proxops.diagrams.scenario.transits import UnflyableWorldError
-from proxops.diagrams.scenario.true_body import TrueBody, make_true_body
+from proxops.diagrams.scenario.true_body import TrueBody, UnflyableWorldError, make_true_body
 from proxops.diagrams.scenario.world import believed
 from proxops.systems.common.errors import InputError
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from transit_sets import transit_set
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario import Scenario, load_body
-from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import Horizon, Plan, TransitProgram
 from proxops.systems.expert.initial_guess import initial_paths
 from proxops.systems.shapes.ellipsoid import blocks_segment

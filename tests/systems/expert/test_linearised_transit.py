@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolutionResult, SolverOptions
 from scipy.linalg import expm
+from transit_sets import transit_set
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario import Scenario, load_body
-from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import Gravity, Plan, TransitProgram
 from proxops.systems.common import SolverFailure, cross_matrix
 from proxops.systems.expert import linearised_transit

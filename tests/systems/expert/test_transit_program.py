@@ -8,10 +8,10 @@ import trimesh
 from plain_motion import moved
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
+from transit_sets import transit_set
 
 from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario import Scenario, load_body
-from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import FlightLimits, GravityField, Horizon, Plan, Polyhedron, TransitProgram
 from proxops.systems.shapes.ellipsoid import blocks_segment, clearances
 from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration

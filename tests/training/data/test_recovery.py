@@ -7,9 +7,9 @@ import pytest
 from scipy import stats
 from scipy.optimize import minimize
 from short_flights import kleopatra
+from transit_sets import transit_set
 
 from proxops.diagrams.scenario import Scenario, check_scenario, load_scenario, scenario_transit
-from proxops.diagrams.scenario.transits import transit_set
 from proxops.systems import InputError
 from proxops.training.data.recovery import KINDS, MIXES, flight_scenario, kind_of, parse_mix
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pydrake.common.yaml import yaml_dump_typed, yaml_load
 
 from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario, parse_scenario
-from proxops.diagrams.scenario.plain_yaml import read_yaml, write_yaml
+from proxops.diagrams.yaml_files.plain_yaml import read_yaml, write_yaml
 from proxops.systems.common import InputError
 
 # The examples of chapter 10.3.2 of YAML 1.2.2, and what YAML 1.1 reads in another way.

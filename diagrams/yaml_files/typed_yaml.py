@@ -3,12 +3,13 @@
 import dataclasses as dc
 import difflib
 import reprlib
+import types
 import typing
 from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed, yaml_load
 
-from proxops.diagrams.scenario.plain_yaml import TAG, needs_quotes, read_yaml, write_yaml
+from proxops.diagrams.yaml_files.plain_yaml import TAG, needs_quotes, read_yaml, write_yaml
 from proxops.systems.common import InputError, decoded
 
 Made = typing.TypeVar("Made")
@@ -86,6 +87,28 @@ def is_yaml_path(text: str | Path) -> bool:
     return str(text).endswith((".yaml", ".yml"))
 
 
+def file_of(name_or_path: str | Path, shipped: typing.Mapping[str, Path], key: str) -> Path:
+    """Gives the file that ships under a name, or the path of a YAML file as it is.
+
+    Args:
+      name_or_path: the name or the path.
+      shipped: the files that ship, by their names.
+      key: what the message begins with.
+
+    Raises:
+      InputError: it is no path of a YAML file, and nothing ships under this name.
+    """
+    if is_yaml_path(name_or_path):
+        return Path(name_or_path)
+    name = str(name_or_path)
+    if name not in shipped:
+        raise InputError(
+            f"{key}: {name!r} does not ship with proxops ({', '.join(shipped)} do); for your own, "
+            "give the path of its .yaml file"
+        )
+    return shipped[name]
+
+
 def read_mapping(path: Path) -> dict[str, typing.Any]:
     """Reads the mapping at the root of a YAML file; tags are kept under the key `_tag`.
 
@@ -124,26 +147,21 @@ def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typ
     Raises:
       InputError: it has another type, or a tag that the field does not take.
     """
-    is_list = typing.get_origin(schema) is list
-    options: list[typing.Any] = [schema] if is_list else [*(typing.get_args(schema) or (schema,))]
-    nested: dict[str, type] = {
-        _short_tag(f"!{option.__name__}"): option
-        for option in options
-        if isinstance(option, type) and dc.is_dataclass(option)
-    }
-    if is_list and dc.is_dataclass(inner := typing.get_args(schema)[0]):
-        if not (isinstance(value, list) and all(isinstance(item, dict) for item in value)):
+    if typing.get_origin(schema) is list and dc.is_dataclass(item := typing.get_args(schema)[0]):
+        if not (isinstance(value, list) and all(isinstance(each, dict) for each in value)):
             raise InputError(f"{source}: {path} needs a list of `key: value` lines, got {value!r}")
-        schema = typing.cast(type, inner)
-        return [load_typed(schema, item, source, f"{path}[{k}]") for k, item in enumerate(value)]
-    if nested and isinstance(value, dict):
-        tag = str(value.get(TAG, next(iter(nested))))
-        chosen = nested.get(_short_tag(tag))
+        schema = typing.cast(type, item)
+        return [load_typed(schema, each, source, f"{path}[{k}]") for k, each in enumerate(value)]
+    options, sections = _options(schema), sections_of(schema)
+    if sections and isinstance(value, dict):
+        tag = str(value.get(TAG, f"!{next(iter(sections))}"))
+        chosen = sections.get(tag.removeprefix("!").removesuffix("Config"))
         if chosen is None:
-            raise InputError(f"{source}: {path} cannot be {tag}; choose from {', '.join(nested)}")
+            tags = ", ".join(f"!{each}" for each in sections)
+            raise InputError(f"{source}: {path} cannot be {tag}; choose from {tags}")
         return load_typed(chosen, value, source, path)
-    if isinstance(value, str) and str not in options and f"!{value}" in nested:
-        return nested[f"!{value}"]()  # A tag alone, as in --set navigation=TrueState.
+    if isinstance(value, str) and str not in options and value in sections:
+        return sections[value]()  # A tag alone, as in --set navigation=TrueState.
     for option in options:
         if not fits(value, option):
             continue
@@ -153,16 +171,25 @@ def _typed(value: typing.Any, schema: typing.Any, source: str, path: str) -> typ
             return [*map(float, value)] if isinstance(value, list) else float(value)
         except OverflowError as error:
             raise InputError(f"{source}: {path} is a whole number beyond all floats") from error
-    wanted = "`key: value` lines" if nested else " or ".join(map(in_words, options))
-    wanted = f"a text or {wanted}" if nested and str in options else wanted
-    if len(nested) > 1:
-        wanted += f", or one of {', '.join(tag.removeprefix('!') for tag in nested)}"
+    wanted = "`key: value` lines" if sections else in_words(schema)
+    wanted = f"a text or {wanted}" if sections and str in options else wanted
+    if len(sections) > 1:
+        wanted += f", or one of {', '.join(sections)}"
     raise InputError(f"{source}: {path} needs {wanted}, got {reprlib.repr(value)}")
 
 
-def _short_tag(tag: str) -> str:
-    """The tag of a dataclass as the documentation writes it."""
-    return tag.removesuffix("Config")
+def sections_of(schema: typing.Any) -> dict[str, type]:
+    """Gives the dataclasses of which a field of a type may hold one, by their tags without `!`."""
+    return {
+        each.__name__.removesuffix("Config"): each
+        for each in _options(schema)
+        if isinstance(each, type) and dc.is_dataclass(each)
+    }
+
+
+def _options(schema: typing.Any) -> tuple[typing.Any, ...]:
+    """The types of a union; of another type, it alone."""
+    return typing.get_args(schema) if isinstance(schema, types.UnionType) else (schema,)
 
 
 def fits(value: typing.Any, schema: typing.Any) -> bool:
@@ -189,6 +216,8 @@ def in_words(schema: typing.Any) -> str:
         str: "a text",
         type(None): "null",
     }
+    if isinstance(schema, types.UnionType):
+        return " or ".join(map(in_words, typing.get_args(schema)))
     if typing.get_origin(schema) is list:
         return "a list, each " + in_words(typing.get_args(schema)[0])
     return words.get(schema, str(schema))

@@ -1,4 +1,4 @@
-"""What a spacecraft shows to the Sun, and how much that may do."""
+"""What Sun and moons may do at most, and what a spacecraft shows to the Sun."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import functools
 
 import numpy as np
 
+from proxops.diagrams.scenario.body import Body
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.scenario.spacecraft_model import (
     RigidBodyConfig,
@@ -14,6 +15,7 @@ from proxops.diagrams.scenario.spacecraft_model import (
 )
 from proxops.diagrams.scenario.spacecraft_solids import CORNERS, solids_of
 from proxops.systems.common import Vector3, spread_directions
+from proxops.systems.gravity import greatest_tide
 from proxops.systems.vehicle import Facets, at_its_distance, greatest_sunlight, light_on_facets
 
 # Directions from which the light on facets is looked at, and what covers the gaps between them.
@@ -45,15 +47,24 @@ def facets_of(model: SpacecraftModel, centre: Vector3 | None = None) -> Facets:
     return Facets(away, np.array(normals), np.array(areas), specular, diffuse)
 
 
-def greatest_by_sun(scenario: Scenario, mass: float, distance: float) -> float:
-    """The greatest acceleration in m/s^2 by light and tide: see `greatest_sunlight`."""
+def greatest_from_sky(
+    scenario: Scenario, body: Body, mass: float, distance: float
+) -> tuple[float, float]:
+    """The greatest accelerations in m/s^2 by moons, and by light and tide of the Sun.
+
+    Args:
+      scenario: of its Sun there is none unless it has `sunlight`. body: as believed.
+      mass: the least of the spacecraft, in kg. distance: the greatest from the body, in m.
+
+    Returns:
+      Both; inf where a moon comes as near, and is not always inside the keep-out ellipsoid.
+    """
+    tide = greatest_tide(body.config.moons, distance, body.moon_depths)
     settings, craft = scenario.sunlight, scenario.spacecraft
     if settings is None:
-        return 0.0
-    shown = None
-    if isinstance(craft, RigidBodyConfig):
-        shown = _greatest_shown(craft.model)
-    return greatest_sunlight(at_its_distance(settings), mass, distance, shown)
+        return tide, 0.0
+    shown = _greatest_shown(craft.model) if isinstance(craft, RigidBodyConfig) else None
+    return tide, greatest_sunlight(at_its_distance(settings), mass, distance, shown)
 
 
 @functools.lru_cache(maxsize=8)
