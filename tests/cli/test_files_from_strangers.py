@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import shutil
 from collections.abc import Callable
 from functools import cache
@@ -162,21 +160,6 @@ def test_hostile_json(text: str, tmp_path: Path) -> None:
     refused(lambda: LidarBundle.load(folder), "bundle.json is")
     with pytest.raises(InputError):
         PackedFlights(folder)
-
-
-LIDAR = {
-    "format": "proxops learned lidar 1", "planes": 12, "rays": 360, "cube_m": 4e5,
-    "body": "Kleopatra", "shape_sha256": "0" * 64, "training": {}, "versions": {},
-    "centre_m": [0.0, 0.0, 0.0], "semi_axes_m": [1e5, 1e5, 1e5],
-}  # fmt: skip
-
-
-def test_a_lidar_with_weights_elsewhere(tmp_path: Path) -> None:
-    model = network_with_weights_at("../secret")
-    (tmp_path / "model.onnx").write_bytes(model)
-    described = LIDAR | {"model_sha256": hashlib.sha256(model).hexdigest()}
-    (tmp_path / "bundle.json").write_text(json.dumps(described))
-    refused(lambda: LidarBundle.load(tmp_path), "weights from other files")
 
 
 # --- flight logs ----------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from short_flights import (
 )
 
 from proxops.diagrams.flight import fly, named_controller
-from proxops.diagrams.logs.flight_log import FlightLog, differences
+from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
 
@@ -123,20 +123,6 @@ def test_arrival_is_the_start_of_the_dwell() -> None:
     # The first such stretch, which ends the flight when it is 600 s long.
     assert np.diff(outside, prepend=-1).max() * 0.05 < 600.0
     assert log.dataset["time"].values[-1] == 10.0 * np.ceil((arrival + 600.0) / 10.0)
-
-
-# --- repeats --------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_repeats_bit_for_bit() -> None:
-    again = fly(kleopatra_flight().scenario, "mpc", body=kleopatra_flight().body)
-    assert differences(kleopatra_flight(), again) == []
-
-
-def test_disturbed_flight_repeats_bit_for_bit() -> None:
-    log = disturbed_flight()
-    assert differences(log, fly(log.scenario, "mpc", body=log.body)) == []
 
 
 # --- events ---------------------------------------------------------------------------------------

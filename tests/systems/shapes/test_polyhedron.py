@@ -32,23 +32,6 @@ def test_box() -> None:
 
 
 @few
-@given(seeds)
-def test_tetrahedron(seed: int) -> None:
-    corners = np.random.default_rng(seed).normal(size=(4, 3))
-    sixth = np.linalg.det(corners[1:] - corners[0]) / 6
-    facets = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-    if sixth < 0:
-        facets = facets[:, ::-1]
-    if abs(sixth) < 1e-6:
-        return
-    shape = Polyhedron(corners, facets)
-    assert shape.volume == pytest.approx(abs(sixth), rel=1e-9)
-    np.testing.assert_allclose(shape.centre_of_mass, corners.mean(axis=0), atol=1e-9)
-    edges, neighbours = shape.edges
-    assert len(edges) == len(neighbours) == 6
-
-
-@few
 @given(seeds, st.floats(-3, 9))
 def test_random_bodies_against_trimesh(seed: int, magnitude: float) -> None:
     mesh = star_shaped(seed, subdivisions=1)
