@@ -12,8 +12,11 @@ from proxops.systems.common.counter_noise import generator
 def test_walk_is_the_sum_of_increments_since_the_reset():
     """With a command so strong that the bound never binds."""
     command = [1e6, 0.0, 0.0]
-    added = walks(RandomWalkDisturbance(1e9), constant(command, 60), seed=3) - command
-    drawn = np.array([0.5 * generator(3, step).standard_normal(3) for step in range(60)])
+    added = (
+        walks(RandomWalkDisturbance(1e9, increment_std=0.2), constant(command, 60), seed=3)
+        - command
+    )
+    drawn = np.array([0.2 * generator(3, step).standard_normal(3) for step in range(60)])
     for stretch in range(6):
         rows = slice(STEPS * stretch, STEPS * (stretch + 1))
         assert added[rows] == pytest.approx(np.cumsum(drawn[rows], axis=0), abs=1e-9)
