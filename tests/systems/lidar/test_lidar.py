@@ -85,7 +85,7 @@ def dumb_bell() -> Polyhedron:
     return polyhedron(*parts)
 
 
-@pytest.mark.parametrize(("name", "count"), [("kleopatra", 8), ("dumb-bell", 12)])
+@pytest.mark.parametrize(("name", "count"), [("kleopatra", 3), ("dumb-bell", 4)])
 def test_ranges_agree_with_exact_intersections(name, count, kleopatra):
     shape = kleopatra if name == "kleopatra" else dumb_bell()
     lidar = Lidar(shape, LidarErrors(), LidarGeometry(max_range=np.inf))
@@ -111,7 +111,7 @@ def test_ranges_agree_with_exact_intersections(name, count, kleopatra):
         rim = error > 0.05
         differing += int((np.isfinite(frame) != np.isfinite(expected)).sum() + rim.sum())
         found += int(both.sum())
-    assert found > 300
+    assert found > 100
     assert differing <= 1
 
 
