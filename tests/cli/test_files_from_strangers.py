@@ -67,6 +67,7 @@ YAML = {
         "line 3: it has the key 'mpc' twice",
     ),
     "depth": ("transit: {start_m: " + 600 * "[" + 600 * "]" + "}\n", "too deeply"),
+    "long text": (f"control_period_s: {10_000 * 'x'}\n", "control_period_s needs a number"),
     "very deep": ("transit: {start_m: " + 200_000 * "[" + "\n", "too deeply"),
     "number of 5000 digits": (f"control_period_s: {5000 * '1'}\n", "is not YAML"),
     "null byte in a path": ('body: "\\0.yaml"\n', "body must be a path"),

@@ -1,5 +1,6 @@
 """The learned lidar with a network known in closed form: against the ray-caster, and refusals."""
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +149,14 @@ def test_damaged_bundles_are_refused(
     folder = copied(frame_bundle, tmp_path)
     change_json(folder / "bundle.json", **changes)
     with pytest.raises(InputError, match=why):
+        LidarBundle.load(folder)
+
+
+def test_a_bundle_without_a_network_is_refused(frame_bundle: Path, tmp_path: Path):
+    folder = copied(frame_bundle, tmp_path)
+    (folder / "model.onnx").write_bytes(b"no network")
+    change_json(folder / "bundle.json", model_sha256=hashlib.sha256(b"no network").hexdigest())
+    with pytest.raises(InputError, match="is no learned lidar"):
         LidarBundle.load(folder)
 
 
