@@ -53,8 +53,8 @@ def kleopatra_flight() -> FlightLog:
 
 @cache
 def disturbed_flight() -> FlightLog:
-    """The short flight with the paper's disturbance, noise seed 3."""
-    return fly(short_scenario(disturbance={}, noise_seed=3))
+    """The brief flight with the paper's disturbance, noise seed 3."""
+    return fly(short_scenario(disturbance={}, noise_seed=3, **BRIEF))
 
 
 @cache

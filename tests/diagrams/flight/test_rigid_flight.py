@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
-from short_flights import NEAR, flown_and_taken_up, short_scenario
+from short_flights import NEAR, flown_and_taken_up
 
 from proxops.diagrams.flight import fly
 from proxops.diagrams.flight.transit_diagram import make_transit_diagram
@@ -86,17 +86,6 @@ def test_a_flight_goes_on_from_a_clone_of_its_context():
         first.get_continuous_state_vector().CopyToVector(),
         second.get_continuous_state_vector().CopyToVector(),
     )
-
-
-def test_without_thrust_it_falls_as_a_point_does():
-    """Another integrator and another plant, in the same gravity."""
-    brief = {"arrival__deadline_s": 250.0, "arrival__dwell_s": 10.0}
-    turning = fly(rigid("smallsat", False, **brief), "zero")
-    point = fly(short_scenario(**brief), "zero")
-    np.testing.assert_allclose(
-        turning.dataset["state"].values[:, :3], point.dataset["state"].values[:, :3], atol=1e-3
-    )
-    assert pointing_errors(turning).max() < 0.05
 
 
 def test_a_thruster_that_fails_is_found_and_flown_without():

@@ -293,25 +293,6 @@ def test_field_beside_and_on_the_cut(kleopatra) -> None:
     np.testing.assert_allclose(trace, -4 * np.pi * G * density * at.inside, atol=1e-9 * G * density)
 
 
-def test_centre_of_mass_against_voxels(binary) -> None:
-    shape = Polyhedron(binary.vertices + [40.0, -7.0, 3.0], binary.facets)
-    field = GravityField(shape, density=1500.0, contrast=0.3)
-    plain = GravityField(shape, density=1500.0)
-    np.testing.assert_array_equal(plain.centre_of_mass, shape.centre_of_mass)
-    low = shape.vertices.min(axis=0)
-    steps = [low[k] + shape.extents[k] * (np.arange(n) + 0.5) / n for k, n in enumerate((30,) * 3)]
-    points = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    points = points[plain.evaluate(points).inside]
-    weights = np.where(points[:, 0] > shape.centre_of_mass[0], 1.3, 0.7)
-    expected = np.average(points, axis=0, weights=weights)
-    np.testing.assert_allclose(field.centre_of_mass, expected, atol=0.005 * shape.extents.max())
-    far = field.centre_of_mass + np.array([[3e4, 1e4, -2e4]])
-    pull = field.evaluate(far).acceleration[0]
-    offset = (field.centre_of_mass - far)[0]
-    expected = G * field.mass * offset / np.linalg.norm(offset) ** 3
-    np.testing.assert_allclose(pull, expected, rtol=1e-4)
-
-
 def test_contrast_on_any_axis_and_none() -> None:
     """The cut is across the longest extent; opposite contrasts are each other's mirror image."""
     low, high = np.array([-1.0, -1.0, -2.0]), np.array([1.0, 1.0, 2.0])
