@@ -25,7 +25,7 @@ def test_at_steps_it_is_a_stationary_sequence(tau: float) -> None:
     kept = np.exp(-10.0 / tau) if tau else 0.0
     drawn = generator(6, 0).standard_normal((1500, 3))
     drawn[1:] *= np.sqrt(1.0 - kept**2)
-    wanted = 2.0 * lfilter([1.0], [1.0, -kept], drawn, axis=0)
+    wanted = lfilter([2.0], [1.0, -kept], drawn, axis=0)
     np.testing.assert_allclose(at_steps(1500, 6, correlation_time=tau), wanted, atol=1e-11)
 
 
