@@ -13,8 +13,9 @@ import pytest
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-# An example may take long on a busy machine.
-hypothesis.settings.register_profile("proxops", deadline=None)
+# An example may take long on a busy machine, and so may to make one up.
+slow_machine = [hypothesis.HealthCheck.too_slow]
+hypothesis.settings.register_profile("proxops", deadline=None, suppress_health_check=slow_machine)
 hypothesis.settings.load_profile("proxops")
 
 # If a shell starts the tests in the background, it has set them to ignore Ctrl-C, and all processes

@@ -22,7 +22,7 @@ from proxops.systems.gravity import tabulated_field
 BRIEF = settings(
     {"arrival.deadline_s": 100, "arrival.dwell_s": 50, "mpc.intervals": 10},
 )
-SHORT = settings(short_flights.SHORT)
+NEAR = settings(short_flights.NEAR)
 
 
 def entries(folder: Path) -> set[str]:
@@ -94,7 +94,7 @@ def test_fly(run, tmp_path: Path) -> None:
     (tmp_path / "short.yaml").write_text(
         "mpc: {intervals: 10}  # coarse\narrival: {dwell_s: 100}\n"
     )
-    ran = run("fly", "short.yaml", *SHORT[:4], "--out", "a/b")
+    ran = run("fly", "short.yaml", *NEAR[:4], "--out", "a/b")
     assert ran.code == 0, ran.err
     out = tmp_path / "a" / "b"
     assert entries(out) == {"flight.nc", "summary.json", "replay.html"}
@@ -104,7 +104,9 @@ def test_fly(run, tmp_path: Path) -> None:
     assert summary["navigation_following"] > 0.95
     log = FlightLog.load(out / "flight.nc")
     assert log.summary == summary
-    assert log.scenario == change_scenario(short_scenario(), {"navigation": {}})
+    assert log.scenario == change_scenario(
+        short_scenario(), {"navigation": {}, "transit.goal_m": [160e3, 1.2e3, 0.0]}
+    )
     assert (out / "replay.html").stat().st_size > 1e6
     # The table: what the issue lists.
     for words in ("Kleopatra, mpc", "success", "yes", "distance from the goal", "Δv", "clearance",
@@ -138,17 +140,17 @@ def test_fly(run, tmp_path: Path) -> None:
 def test_mended_map_is_written_and_flown_with(run: Callable[..., Ran], tmp_path: Path) -> None:
     wrong = settings({"navigation.expected.surface_rms_m": 50.0})
     mended = ["--mended-map", "maps/mended.obj"]
-    ran = run("fly", *SHORT, *BRIEF, *wrong, *mended, "--out", "out")
+    ran = run("fly", *NEAR, *BRIEF, *wrong, *mended, "--out", "out")
     assert ran.code == 0
     assert "Wrote maps/mended.obj" in ran.err
     assert entries(tmp_path) >= {"out/flight.nc", "maps/mended.obj", "maps/mended.npz"}
-    again = run("fly", *SHORT, *BRIEF, "--set", "navigation.map=maps/mended.obj", "--out", "again")
+    again = run("fly", *NEAR, *BRIEF, "--set", "navigation.map=maps/mended.obj", "--out", "again")
     assert again.code == 0
     log = FlightLog.load(tmp_path / "again" / "flight.nc")
     assert getattr(log.scenario.navigation, "map", None) == str(tmp_path / "maps" / "mended.obj")
     # Without a navigation the flight is kept, and what is wrong is said.
     told = ["--set", "navigation=!TrueState {}"]
-    ran = run("fly", *SHORT, *BRIEF, *told, "--mended-map", "none.obj", "--out", "other")
+    ran = run("fly", *NEAR, *BRIEF, *told, "--mended-map", "none.obj", "--out", "other")
     assert ran.code != 0
     assert "told its true state" in ran.err
     assert "other/flight.nc" in entries(tmp_path)

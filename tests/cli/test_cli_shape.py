@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from contact_binary import contact_binary, together
+from matplotlib.figure import Figure
 from plain_polyhedral_gravity import star_shaped
 from short_flights import kleopatra, obj_text
 from transit_sets import transit_set
@@ -25,6 +26,20 @@ PNG = b"\x89PNG\r\n\x1a\n"
 def write(path: Path, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     path.write_text(obj_text(mesh))
     return mesh
+
+
+@pytest.fixture(autouse=True)
+def _blank_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only to save time: a picture is drawn in `test_the_picture` alone."""
+    if request.function is not test_the_picture:
+        monkeypatch.setattr("proxops.diagrams.new_body.plot_shape", lambda report: Figure())
+
+
+def test_the_picture(run, tmp_path: Path) -> None:
+    write(tmp_path / "ball.obj", trimesh.creation.icosphere(1))
+    assert run("shape", "ball.obj", "--unit", "m", "--out", "picture.png").code == 0
+    assert (tmp_path / "picture.png").read_bytes().startswith(PNG)
+    assert (tmp_path / "picture.png").stat().st_size > 20_000
 
 
 def test_kleopatra(run, tmp_path: Path) -> None:

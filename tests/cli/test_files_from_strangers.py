@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import shutil
 from collections.abc import Callable
 from functools import cache
@@ -61,30 +59,18 @@ def refused(read: Callable[[], object], *words: str) -> None:
 
 YAML = {
     "alias bomb": (f"transit:\n{INNER}  start_m: *i\n", "alias"),
-    "alias bomb for a whole key": (f"{BOMB}control_period_s: *i\n", "alias"),
     "bomb of merged keys": (f"{MERGES}mpc: *i\n", "alias"),
-    "list in itself": ("transit: {start_m: &a [*a]}\n", "alias"),
     "Python function": ("body: !!python/object/apply:os.system ['touch ran']\n", "is not YAML"),
-    "Python name": ("body: !!python/name:os.system\n", "is not YAML"),
     "Python object": ("mpc: !!python/object:os.Popen {intervals: 3}\n", "cannot be"),
     "key twice": (
         "mpc: {intervals: 3}\nbody: kleopatra\nmpc: {}\n",
         "line 3: it has the key 'mpc' twice",
     ),
-    "private key": ("_spacecraft: {mass_kg: 200.0}\n", "_spacecraft"),
     "depth": ("transit: {start_m: " + 600 * "[" + 600 * "]" + "}\n", "too deeply"),
-    "long list": (f"body: [{3_000 * '1,'}]\n", "body needs a text"),
     "long text": (f"control_period_s: {10_000 * 'x'}\n", "control_period_s needs a number"),
-    "number of 5000 digits": (f"control_period_s: {5000 * '1'}\n", "is not YAML"),
-    "number beyond floats": (f"control_period_s: {4000 * '1'}\n", "4000 digits"),
-    "number to the base 60": (f"mpc: {{intervals: {3000 * '59:'}59}}\n", "needs a whole number"),
-    "hexadecimal number": (f"body: 0x{5000 * 'f'}\n", "5002 digits"),
-    "set": ("dispersed: !!set {a, b}\n", "dispersed needs a list"),
-    "bytes": ("body: !!binary aGVsbG8=\n", "is not YAML"),
     "very deep": ("transit: {start_m: " + 200_000 * "[" + "\n", "too deeply"),
-    "deep lines": (200_000 * "- " + "x\n", "too deeply"),
+    "number of 5000 digits": (f"control_period_s: {5000 * '1'}\n", "is not YAML"),
     "null byte in a path": ('body: "\\0.yaml"\n', "body must be a path"),
-    "tag as a value": ("lidar: {_tag: [1]}\n", "lidar cannot be"),
 }
 
 
@@ -164,21 +150,6 @@ def test_hostile_json(text: str, tmp_path: Path) -> None:
         PackedFlights(folder)
 
 
-LIDAR = {
-    "format": "proxops learned lidar 1", "planes": 12, "rays": 360, "cube_m": 4e5,
-    "body": "Kleopatra", "shape_sha256": "0" * 64, "training": {}, "versions": {},
-    "centre_m": [0.0, 0.0, 0.0], "semi_axes_m": [1e5, 1e5, 1e5],
-}  # fmt: skip
-
-
-def test_a_lidar_with_weights_elsewhere(tmp_path: Path) -> None:
-    model = network_with_weights_at("../secret")
-    (tmp_path / "model.onnx").write_bytes(model)
-    described = LIDAR | {"model_sha256": hashlib.sha256(model).hexdigest()}
-    (tmp_path / "bundle.json").write_text(json.dumps(described))
-    refused(lambda: LidarBundle.load(tmp_path), "weights from other files")
-
-
 # --- flight logs ----------------------------------------------------------------------------------
 
 
@@ -222,9 +193,11 @@ def test_attributes_of_wrong_types(name: str, value: object, tmp_path: Path) -> 
 )
 @pytest.mark.parametrize(
     "name",
-    ["time", "state", "target", "force", "mpc_force", "policy_force", "decision", "solve_time",
-     "solve_status", "solve_reason", "mesh_vertices", "mesh_facets"],
-)  # fmt: skip
+    ["time", "state", "decision", "solve_status", "mesh_vertices", "mesh_facets"]
+    + [
+        *map(slowly, ("target", "force", "mpc_force", "policy_force", "solve_time", "solve_reason"))
+    ],
+)
 def test_values_that_cannot_be(name: str, value: float, tmp_path: Path) -> None:
     def change(data: xr.Dataset) -> None:
         data[name] = xr.full_like(data[name], value, dtype=float)
@@ -232,7 +205,7 @@ def test_values_that_cannot_be(name: str, value: float, tmp_path: Path) -> None:
     use_or_refuse(written(tmp_path, change))
 
 
-@pytest.mark.parametrize("name", ["time", "state", "target", "force", "decision", "mesh_facets"])
+@pytest.mark.parametrize("name", ["time", "state", "mesh_facets"])
 @pytest.mark.parametrize("other", [("word", ["a", "b"]), (("a", "b", "c"), [[[1.0]]])])
 def test_dimensions_that_cannot_be(name: str, other: tuple, tmp_path: Path) -> None:
     path = written(tmp_path, lambda data: data.drop_vars(name).assign({name: other}))

@@ -16,13 +16,15 @@ from proxops.diagrams.scenario import (
     load_scenario,
 )
 
-# 8 km past the long end of the body, then 100 s in the goal region: 120 steps.
+# 8 km past the long end of the body, then 100 s in the goal region: 130 steps.
 SHORT = {
     "transit.start_m": [160e3, 0.0, 0.0],
     "transit.goal_m": [160e3, 8e3, 0.0],
     "arrival.dwell_s": 100.0,
     "mpc.intervals": 10,
 }
+# The same, and 1.2 km: 55 steps.
+NEAR = SHORT | {"transit.goal_m": [160e3, 1.2e3, 0.0]}
 # Over after 15 steps, wherever it is then.
 BRIEF = {"arrival__deadline_s": 100.0, "arrival__dwell_s": 50.0}
 
@@ -51,8 +53,8 @@ def kleopatra_flight() -> FlightLog:
 
 @cache
 def disturbed_flight() -> FlightLog:
-    """The short flight with the paper's disturbance, noise seed 3."""
-    return fly(short_scenario(disturbance={}, noise_seed=3))
+    """The brief flight with the paper's disturbance, noise seed 3."""
+    return fly(short_scenario(disturbance={}, noise_seed=3, **BRIEF))
 
 
 @cache

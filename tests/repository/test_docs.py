@@ -18,7 +18,7 @@ from commands import proxops, settings
 from contact_binary import contact_binary
 from flight_folders import copy_flights
 from known_guidance import write_guidance
-from known_policies import RAYS, Counting, DeadReckoning, write_policy
+from known_policies import RAYS, DeadReckoning, write_policy
 from pages import (
     BLOCKS,
     PAGES,
@@ -29,11 +29,12 @@ from pages import (
 )
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, LeafSystem, PortDataType, System
-from short_flights import SHORT, kleopatra, write_blob
+from short_flights import NEAR, SHORT, kleopatra, write_blob
 from synthetic_log import synthetic_log
 from typer.main import get_command
 
 from proxops import systems
+from proxops.assets import ASSETS
 from proxops.cli import replay
 from proxops.cli.main import app, command, main
 from proxops.diagrams.flight import fly, make_transit_diagram, named_controller, surroundings
@@ -58,7 +59,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
     with pytest.warns(UserWarning, match="exceed assurance"):
         diagram = make_transit_diagram(everything, body=kleopatra())
     folder = tmp_path_factory.mktemp("bundles")
-    policy = write_policy(folder / "policy", Counting())
+    policy = ASSETS / "end_to_end"
     hybrid = named_controller(f"hybrid:{policy}", everything, kleopatra())
     assert isinstance(hybrid, Diagram)
     others = [
@@ -74,10 +75,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, System]:
         systems.EnabledValue(3),
         systems.DelayedHold(10.0, 5.0, 3),
         systems.FrameDelay(RAYS, 2, 10.0),
-        systems.LearnedLidar(write_ball_bundle(folder / "lidar")),
-        systems.GuidancePolicy(
-            write_guidance(folder / "guidance"), surroundings(everything, kleopatra()), 7.0
-        ),
+        systems.LearnedLidar(write_ball_bundle(folder / "lidar", kleopatra().shape.sha256)),
+        systems.GuidancePolicy(ASSETS / "any_body", surroundings(everything, kleopatra()), 7.0),
         systems.NeuralPolicy(policy),
         systems.SceneLidar(
             {"ground": kleopatra().shape}, systems.ray_directions(), max_range=350e3
@@ -366,9 +365,9 @@ def test_own_sensor_sees_a_sphere() -> None:
 @pytest.mark.parametrize(("block", "goal"), [("my_controller.py", 10e3), ("my_pd.py", 20.0)])
 def test_own_controllers_fly_on_navigation(block: str, goal: float) -> None:
     """Also at the first steps, at which no frame has arrived and the state is NaN."""
-    settings = {"arrival.dwell_s": 1000.0, "truth.lidar.latency_steps": 2, "log_ranges": False}
-    settings |= {"navigation.frame_delay_steps": 2, "arrival.deadline_s": 1500.0}
-    scenario = load_scenario(None, SHORT | settings)
+    settings = {"arrival.dwell_s": 700.0, "truth.lidar.latency_steps": 2, "log_ranges": False}
+    settings |= {"navigation.frame_delay_steps": 2, "arrival.deadline_s": 1000.0}
+    scenario = load_scenario(None, NEAR | settings)
     body = kleopatra()
     log = fly(scenario, run(named_block(block))["make"](scenario, body), body=body)
     assert np.isnan(log.dataset["navigation_state"].values[:2]).all()

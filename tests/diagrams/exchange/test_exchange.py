@@ -9,19 +9,18 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from oem import OrbitEphemerisMessage
-from short_flights import SHORT
+from short_flights import BRIEF, on_lidar
 from typer.testing import CliRunner
 
 from proxops.cli.main import app
 from proxops.diagrams.exchange import write_mcap, write_oem
 from proxops.diagrams.flight import fly
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.scenario import change_scenario, load_scenario
 
 
 @functools.cache
 def log() -> FlightLog:
-    return fly(change_scenario(load_scenario(), SHORT), "mpc")
+    return fly(on_lidar(**BRIEF), "mpc")
 
 
 def messages(path: Path) -> dict[str, list[tuple[float, str, dict]]]:

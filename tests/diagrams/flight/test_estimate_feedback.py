@@ -13,16 +13,6 @@ from proxops.systems import InputError, PolicyBundle
 from proxops.training.data import plans_along
 
 
-class Blinking(NotANumber):
-    """Works like `NotANumber`, but claims to estimate: it gives the target, where it is finite."""
-
-    ESTIMATES = True
-
-    def forward(self, ranges, target, commanded_force, memory):
-        force, _, following = super().forward(ranges, target, commanded_force, memory)
-        return force, 0.9 * target, following
-
-
 @pytest.fixture(scope="module")
 def reckoning(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_policy(tmp_path_factory.mktemp("reckoning") / "policy", DeadReckoning())
@@ -82,7 +72,7 @@ def test_policy_without_estimates_is_refused(kind: str, tmp_path: Path) -> None:
 
 
 def test_no_force_without_a_finite_estimate(tmp_path: Path) -> None:
-    bundle = write_policy(tmp_path / "policy", Blinking())
+    bundle = write_policy(tmp_path / "policy", NotANumber())
     data = fly(brief(), f"pd:{bundle}").dataset
     lost = data["policy_status"].values[:-1] == 1.0
     force = data["force"].values[:-1]

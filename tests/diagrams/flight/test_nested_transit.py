@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Integrator, LogVectorOutput, VectorLogSink
-from short_flights import SHORT, kleopatra
+from short_flights import NEAR, kleopatra
 
 from proxops.diagrams.flight import (
     Flown,
@@ -56,7 +56,7 @@ def ports(diagram: Diagram) -> dict[str, int]:
 def test_it_flies_as_alone_bit_for_bit() -> None:
     """To its arrival, with a navigation and lidar frames that come late."""
     late = {"log_ranges": False, "truth.lidar.latency_steps": 1, "disturbance": {}}
-    scenario = load_scenario(None, SHORT | late)
+    scenario = load_scenario(None, NEAR | late)
     alone = fly(scenario, body=kleopatra())
     log, seen, end = nested_flight(scenario)
     assert alone.summary["arrival_time_s"] is not None
@@ -69,7 +69,7 @@ def test_it_flies_as_alone_bit_for_bit() -> None:
 
 
 def test_ports_say_what_they_are_to_say() -> None:
-    scenario = load_scenario(None, SHORT | {"log_ranges": True, "arrival.deadline_s": 100.0})
+    scenario = load_scenario(None, NEAR | {"log_ranges": True, "arrival.deadline_s": 50.0})
     alone = fly(scenario, body=kleopatra()).dataset
     _, seen, _ = nested_flight(scenario)
     steps = len(seen["true_state"])

@@ -20,8 +20,8 @@ DELAYS = [2.0, 10.0]
 
 @cache
 def delayed_flight(delay: float) -> FlightLog:
-    near = {"transit__start_m": [160e3, 5e3, 0.0], "log_ranges": False}
-    return fly(short_scenario(mpc__solve_delay_s=delay, arrival__dwell_s=200.0, **near))
+    near = {"transit__start_m": [160e3, 6.8e3, 0.0], "log_ranges": False}
+    return fly(short_scenario(mpc__solve_delay_s=delay, arrival__dwell_s=100.0, **near))
 
 
 @cache

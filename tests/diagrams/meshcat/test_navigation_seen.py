@@ -8,7 +8,7 @@ from pydrake.geometry import Meshcat
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.logs import FlightLog
-from proxops.diagrams.meshcat.meshcat_scene import Scene, quiet_meshcat
+from proxops.diagrams.meshcat.meshcat_scene import Scene
 from proxops.diagrams.meshcat.navigation_scene import (
     add_navigation,
     move_navigation,
@@ -21,11 +21,6 @@ UNIT = 100e3
 @pytest.fixture(scope="module")
 def log() -> FlightLog:
     return navigated_log()
-
-
-@pytest.fixture
-def meshcat() -> Meshcat:
-    return quiet_meshcat()
 
 
 def test_region_is_three_deviations_of_the_covariance(log: FlightLog) -> None:

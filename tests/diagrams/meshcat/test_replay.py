@@ -36,11 +36,6 @@ def page(log: FlightLog, tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture
-def meshcat() -> Meshcat:
-    return quiet_meshcat()
-
-
-@pytest.fixture
 def scene(log: FlightLog, meshcat: Meshcat) -> Scene:
     return Scene(meshcat, log.body)
 

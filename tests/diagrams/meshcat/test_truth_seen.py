@@ -19,7 +19,7 @@ from short_flights import BRIEF, kleopatra, short_scenario
 
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.logs.flight_log import FlightLog
-from proxops.diagrams.meshcat.meshcat_scene import Scene, move_axes, quiet_meshcat
+from proxops.diagrams.meshcat.meshcat_scene import Scene, move_axes
 from proxops.diagrams.meshcat.replay import add_flight, write_replay
 from proxops.diagrams.plots import draw_body, plot_truth
 from proxops.diagrams.plots.outlines import outline
@@ -44,11 +44,6 @@ TRUTH = {
 def log() -> FlightLog:
     """A flight in a world that differs in all that is shown."""
     return fly(short_scenario(**TRUTH, **BRIEF), "pd", body=kleopatra())
-
-
-@pytest.fixture
-def meshcat() -> Meshcat:
-    return quiet_meshcat()
 
 
 @pytest.fixture

@@ -103,14 +103,15 @@ def test_draws_of_many_transits_have_the_distribution(tmp_path: Path) -> None:
         "truth.gravity: {normal: 1.0, three_sigma: 0.3}\n"
         "truth.attitude.constant_deg: {normal: 0.0, three_sigma: 3.0}\n",
     )
-    worlds = [drawn(name, index).truth for index in range(400)]
+    scenario = load_scenario(None, {"dispersions": name})
+    worlds = [draw_world(of_transit(scenario, 7, k), kleopatra()).truth for k in range(200)]
     gravity = np.array([world.gravity for world in worlds])
     axes = np.array([world.attitude.constant_deg for world in worlds])
     cut = stats.truncnorm(-3.0, 3.0)
     for values in ((gravity - 1.0) / 0.1, *axes.T):
         assert stats.kstest(values, cut.cdf).pvalue > 1e-3
     together = np.corrcoef(np.column_stack([gravity, axes]).T)
-    assert np.abs(together - np.eye(4)).max() < 0.2  # Four standard deviations.
+    assert np.abs(together - np.eye(4)).max() < 0.28  # Four standard deviations.
 
 
 def test_units(tmp_path: Path) -> None:

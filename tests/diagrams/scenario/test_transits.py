@@ -82,14 +82,14 @@ def test_rules_of_a_scenario(tmp_path) -> None:
     rules = {
         "body": write_blob(tmp_path),
         "transit.cube_m": 400e3,
-        "transit.min_distance_m": 5e3,
-        "transit.max_distance_m": 9e3,
+        "transit.min_distance_m": 10e3,
+        "transit.max_distance_m": 20e3,
         "transit.end_clearance_m": 100.0,
     }
     scenario = load_scenario(None, rules)
     drawn = ends([draw_transit(3, k, scenario, kleopatra()) for k in (0, 2, 3)])
     lengths = np.linalg.norm(np.diff(drawn, axis=1)[:, 0], axis=1)
-    assert ((lengths >= 5e3) & (lengths <= 9e3)).all()
+    assert ((lengths >= 10e3) & (lengths <= 20e3)).all()
 
 
 @pytest.mark.parametrize(

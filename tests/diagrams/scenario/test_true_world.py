@@ -166,29 +166,6 @@ def test_a_controller_is_told_its_own_command() -> None:
 # --- the world ------------------------------------------------------------------------------------
 
 
-def first_push(force: list[float], **changes) -> np.ndarray:
-    """The mean acceleration of the first step that the force makes, in K."""
-
-    def velocity(commanded: list[float]) -> np.ndarray:
-        scenario = short_scenario(**changes, **BRIEF)
-        log = fly(scenario, Scripted(lambda time: np.array(commanded)), body=kleopatra())
-        return log.dataset["state"].values[1, 3:]
-
-    return (velocity(force) - velocity([0.0, 0.0, 0.0])) / 10.0
-
-
-def test_thrust_turns_with_the_axes() -> None:
-    turned = first_push([5.0, 0.0, 0.0], truth__attitude__constant_deg=[0.0, 0.0, 90.0])
-    np.testing.assert_allclose(turned, [0.0, 0.05, 0.0], atol=3e-4)
-    # Thrusters at 30 degrees about z in S, and S at 60 degrees about z in K.
-    both = first_push(
-        [5.0, 0.0, 0.0],
-        truth__attitude__constant_deg=[0.0, 0.0, 60.0],
-        truth__thrusters__direction_deg=[0.0, 0.0, 30.0],
-    )
-    np.testing.assert_allclose(both, [0.0, 0.05, 0.0], atol=3e-4)
-
-
 def test_delta_v_is_that_of_the_propellant() -> None:
     """Tsiolkovsky: Isp g0 ln(m0 / m1), if every axis has thrusters of its own."""
     scenario = short_scenario(truth__specific_impulse_s=20.0, truth__mass=1.1, **BRIEF)
@@ -197,23 +174,6 @@ def test_delta_v_is_that_of_the_propellant() -> None:
     assert mass[0] == pytest.approx(110.0)
     spent = log.summary["delta_v_m_s"] + log.summary["hold_delta_v_m_s"]
     assert spent == pytest.approx(20.0 * 9.80665 * np.log(mass[0] / mass[-1]), rel=3e-3)
-
-
-def test_inertial_motion_of_a_log_is_motion() -> None:
-    """Where nothing pushes, the inertial velocity changes by gravity alone."""
-    scenario = short_scenario(
-        truth__pole_deg=[5.0, -8.0], truth__density_contrast=0.3, truth__spin=1.2,
-        arrival__deadline_s=400.0, arrival__dwell_s=10.0,
-    )  # fmt: skip
-    log = fly(scenario, "zero", body=kleopatra())
-    data = log.dataset
-    step = np.gradient(data["position_inertial"].values, 10.0, axis=0, edge_order=2)
-    np.testing.assert_allclose(step[2:-2], data["velocity_inertial"].values[2:-2], atol=2e-3)
-    change = np.gradient(data["velocity_inertial"].values, 10.0, axis=0, edge_order=2)
-    field = log.true_body.gravity_field
-    pull = field.evaluate(data["state"].values[:, :3]).acceleration
-    sizes = np.linalg.norm(change[2:-2], axis=1)
-    np.testing.assert_allclose(sizes, np.linalg.norm(pull[2:-2], axis=1), rtol=2e-4)
 
 
 def test_spin_axis_goes_through_the_centre_of_mass() -> None:

@@ -68,7 +68,7 @@ texts = st.one_of(
 numbers = st.floats() | st.sampled_from([1e-300, 1e22, 1e16, -1e-7, 5e-324, 123456789.0, -0.0])
 scalars = st.none() | st.booleans() | st.integers() | numbers | texts
 trees = st.recursive(
-    scalars, lambda inner: st.lists(inner) | st.dictionaries(texts, inner), max_leaves=20
+    scalars, lambda inner: st.lists(inner) | st.dictionaries(texts, inner), max_leaves=8
 )
 
 
@@ -77,7 +77,7 @@ def same(one: object, other: object) -> bool:
     return repr(one) == repr(other)
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(tree=trees)
 def test_all_readers_find_what_was_written(tree: object) -> None:
     text = write_yaml({"value": tree})

@@ -7,7 +7,6 @@ import pytest
 from scipy.stats import beta
 
 from proxops.studies.figures.intervals import exact_interval, percentile_bound, shown_success
-from proxops.systems.common import generator
 
 
 def tail(successes: int, trials: int, share: float) -> float:
@@ -59,16 +58,3 @@ def test_bound_is_the_smallest_that_suffices(count: int, share: float) -> None:
     rank = round(bound)  # The k-th order statistic is k.
     below = [1.0 - tail(r, count, share) for r in (rank, rank - 1)]  # P(Bin < r), P(Bin < r - 1).
     assert below[0] >= 0.9 > below[1]
-
-
-def test_bounds_cover_as_often_as_they_say() -> None:
-    """2,000 campaigns of 300 flights: shares of 0.97, and figures with a known 95th percentile."""
-    random = generator(1, 2)
-    flights, campaigns = 300, 2000
-    counts = random.binomial(flights, 0.97, campaigns)
-    shown = {count: shown_success(int(count), flights) for count in set(counts.tolist())}
-    assert 0.9 <= np.mean([shown[count] <= 0.97 for count in counts.tolist()]) < 0.97
-    figures = random.exponential(size=(campaigns, flights))
-    bounds = [percentile_bound(row.tolist(), 0.95) for row in figures]
-    covered = np.mean(np.array(bounds, dtype=float) >= -math.log(0.05))
-    assert 0.89 < covered < 0.95

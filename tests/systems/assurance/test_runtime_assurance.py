@@ -13,7 +13,7 @@ from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.vehicle.state_prediction import predicted_state
 
 # 1 km above the ellipsoid's end on the spin axis.
-ABOVE_THE_POLE = {"transit__start_m": [0.0, 0.0, 66e3]}
+ABOVE_THE_POLE = {"transit__start_m": [0.0, 0.0, 66e3], "arrival__deadline_s": 1600.0}
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +58,8 @@ def test_no_thrust_at_all_ends_in_a_hover(held_flight: FlightLog) -> None:
     assert not summary["collided"]
     assert summary["min_clearance_m"] > 90.0
     # It is let fall for a while, then held with what gravity takes there: 2.4 N.
-    assert summary["interventions"] > 600
-    assert 100.0 < summary["intervention_delta_v_m_s"] < 300.0
+    assert summary["interventions"] > 120
+    assert 25.0 < summary["intervention_delta_v_m_s"] < 50.0
 
 
 def test_interventions_for_the_keep_out_are_counted_apart(held_flight: FlightLog) -> None:

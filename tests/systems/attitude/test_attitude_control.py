@@ -149,7 +149,7 @@ def test_pointing_slews_to_the_body_within_limits_and_follows_it(place):
     limits = AttitudeGuidanceConfig(
         mode="body", boresight=[0, 0, 1], slew_deg_s=0.5, slew_time_s=10
     )
-    path = np.array(place) + np.outer(np.arange(900.0), [2.0, -1.0, 3.0])
+    path = np.array(place) + np.outer(np.arange(600.0), [2.0, -1.0, 3.0])
     found = list(slewed(limits, path))
     spin = Rotation.from_rotvec([0, 0, 3e-4])
     attitudes = [
@@ -161,12 +161,12 @@ def test_pointing_slews_to_the_body_within_limits_and_follows_it(place):
     assert rates.max() <= 0.5 * (1 + 1e-9)
     changes = np.degrees(np.linalg.norm(np.diff(steps, axis=0), axis=1))
     assert changes.max() <= 0.05 * (1 + 1e-6)
-    for k in range(600, 900):
+    for k in range(450, 600):
         axis = attitudes[k].apply([0.0, 0.0, 1.0])
         down = -path[k] / np.linalg.norm(path[k])
         assert math.degrees(math.acos(min(1.0, axis @ down))) < 0.01
     # The rate that is given is the one at which the reference turns against N, in its own axes.
-    for k in range(1, 899):
+    for k in range(1, 599):
         a, b = (Rotation.from_quat(found[j][0], scalar_first=True) for j in (k - 1, k))
         np.testing.assert_allclose((a.inv() * b).as_rotvec(), found[k][1], atol=2e-5)
 

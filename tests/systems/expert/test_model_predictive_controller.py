@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from counting_program import CountingProgram, counting_expert
 from one_system import context_of
 from pydrake.solvers import SolutionResult
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
@@ -21,7 +22,6 @@ from proxops.systems import (
     PlanStatus,
     PolyhedralGravity,
     Spacecraft,
-    TransitProgram,
 )
 from proxops.systems.common.errors import SolverFailure
 from proxops.systems.shapes.ellipsoid import blocks_segment, clearances, closest_point
@@ -35,42 +35,9 @@ START = np.array([60e3, 110e3, -20e3, 0.0, 0.0, 0.0])
 TARGET = np.array([120e3, 90e3, 40e3, 0.0, 0.0, 0.0])
 
 
-class CountingProgram(TransitProgram):
-    """Counts the calls, and fails while it is told to."""
-
-    def __init__(self, *args, **kwargs):
-        super().__init__(*args, **kwargs)
-        self.calls: list[int] = []
-        self.broken = False
-        self.failure = SolutionResult.kSolverSpecificError
-
-    def solve(
-        self,
-        state,
-        target,
-        previous=None,
-        age=0.0,
-        iterations=1,
-        disturbance=None,
-        longest=np.inf,
-        time=0.0,
-    ) -> Plan:
-        self.calls.append(iterations)
-        if self.broken:
-            raise SolverFailure(self.failure)
-        task = (disturbance, longest, time)
-        return super().solve(state, target, previous, age, iterations, *task)
-
-
 @cache
 def expert() -> ModelPredictiveController:
     return make_mpc(Scenario(), load_body("kleopatra"))
-
-
-def counting_expert() -> tuple[ModelPredictiveController, CountingProgram]:
-    like = expert().program
-    program = CountingProgram(like.field, like.spin, like.limits, like.horizon)
-    return ModelPredictiveController(program, PERIOD), program
 
 
 def alone(state, target=TARGET, time: float = 0.0, controller=None):
@@ -408,26 +375,14 @@ def test_failed_plan_of_one_step_is_tried_once_more_from_nothing():
     """A bad previous plan is not allowed to make a good state fail."""
 
     class Fussy(CountingProgram):
-        def solve(
-            self,
-            state,
-            target,
-            previous=None,
-            age=0.0,
-            iterations=1,
-            disturbance=None,
-            longest=np.inf,
-            time=0.0,
-        ) -> Plan:
-            if previous is not None:
-                self.calls.append(-iterations)
-                raise SolverFailure(SolutionResult.kSolverSpecificError)
-            task = (disturbance, longest, time)
-            return super().solve(state, target, previous, age, iterations, *task)
+        def solve(self, state, target, previous=None, *given, **named) -> Plan:
+            if previous is None:
+                return super().solve(state, target, previous, *given, **named)
+            self.calls.append(-given[1])
+            raise SolverFailure(SolutionResult.kSolverSpecificError)
 
-    like = expert().program
-    program = Fussy(like.field, like.spin, like.limits, like.horizon)
-    simulator = simulator_of(flight(ModelPredictiveController(program, PERIOD)))
+    controller, program = counting_expert(Fussy)
+    simulator = simulator_of(flight(controller))
     simulator.AdvanceTo(2.5 * PERIOD)
     assert program.calls == [COLD, -1, COLD, -1, COLD]
     records = logged(simulator, "record")

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import trimesh
 from plain_motion import moved
-from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 from transit_sets import transit_set
 
@@ -14,7 +13,6 @@ from proxops.diagrams.flight.scenario_systems import make_mpc
 from proxops.diagrams.scenario import Scenario, load_body
 from proxops.systems import FlightLimits, GravityField, Horizon, Plan, Polyhedron, TransitProgram
 from proxops.systems.shapes.ellipsoid import blocks_segment, clearances
-from proxops.systems.vehicle.spacecraft import rotating_frame_acceleration
 
 # Kleopatra's, with the margin of the default scenario.
 PLANNED_KEEP_OUT = np.array([143e3, 73e3, 68e3])
@@ -48,26 +46,6 @@ def converged(index: int) -> Plan:
 
 
 # The problem is the one it says
-
-
-@pytest.mark.parametrize("index", [0, 1])
-def test_motion_is_that_of_the_linearised_dynamics(index):
-    """Each interval against an integration of the linear equations about the plan before."""
-    field, spin = program().field, float(program().spin.rate[2])
-    before = converged(index)
-    plan = solved(*transits()[index], iterations=1, previous=before)
-    middle = 0.5 * (before.states[1:, :3] + before.states[:-1, :3])
-    gravity = field.evaluate(middle)
-    for k, step in enumerate(np.diff(plan.times)):
-
-        def rates(_, x, k=k):
-            about = gravity.acceleration[k] + gravity.gradient[k] @ (x[:3] - middle[k])
-            pull = rotating_frame_acceleration(x[:3], x[3:], about, plan.forces[k], MASS, spin)
-            return np.concatenate([x[3:], pull])
-
-        end = solve_ivp(rates, (0.0, step), plan.states[k], rtol=1e-11, atol=1e-8).y[:, -1]
-        assert end[:3] == pytest.approx(plan.states[k + 1, :3], abs=1e-4)
-        assert end[3:] == pytest.approx(plan.states[k + 1, 3:], abs=1e-7)
 
 
 def flown_open_loop(start: np.ndarray, plan: Plan) -> np.ndarray:

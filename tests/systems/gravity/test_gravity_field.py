@@ -194,21 +194,6 @@ def test_far_field_of_a_box(box_gravity: GravityField) -> None:
     assert not field.inside.any()
 
 
-@pytest.mark.parametrize("distance", [12.0, 1e3, 1e6])
-def test_icosahedral_symmetry_far_away(distance: float) -> None:
-    """An icosphere's field differs from a point mass's only from the sixth degree on."""
-    field = field_of(trimesh.creation.icosphere(1))
-    points = distance * trimesh.creation.icosphere(2).vertices[:30]
-    result = field.evaluate(points)
-    gm = G * field.mass
-    radial = points / distance
-    dyads = 3 * radial[:, :, None] * radial[:, None] - np.eye(3)
-    bound = 2e-13 + 10 * distance**-6.0
-    assert relative(result.potential, np.full(30, gm / distance)) < bound
-    assert relative(result.acceleration, -gm / distance**2 * radial) < bound
-    assert relative(result.gradient, gm / distance**3 * dyads) < 10 * bound
-
-
 def random_directions(count: int) -> np.ndarray:
     direction = np.random.default_rng(3).normal(size=(count, 3))
     return direction / np.linalg.norm(direction, axis=1, keepdims=True)

@@ -90,12 +90,3 @@ def test_strict_is_the_strictest_of_the_right_ones(one: np.ndarray, other: np.nd
     if agrees("strict", one, other):
         assert agrees("paper", one, other)
         assert np.linalg.norm(one - other) < 2.4  # 12 N, 10 degrees and 1 N apart.
-
-
-@given(forces)
-def test_printed_accepts_opposite_and_rejects_equal_directions(force: np.ndarray) -> None:
-    assume(np.linalg.norm(force) > 1.01)
-    assert agrees("printed", force, -force)
-    assert not agrees("printed", force, 3.0 * force)
-    assert not agrees("paper", force, -force)
-    assert agrees("paper", force, 3.0 * force)

@@ -1,5 +1,6 @@
 """The learned lidar with a network known in closed form: against the ray-caster, and refusals."""
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -116,16 +117,18 @@ def test_a_frame_network_sees_the_ball_as_a_ray_network_does(
 # --- bundles --------------------------------------------------------------------------------------
 
 
-def test_export_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_export_that_differs_is_refused(
+    bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     class Other(BallNetwork):
         def forward(self, chords):
             hit, depth = super().forward(chords)
             return hit, depth * (1.0 + 1e-4)
 
-    onnx_bytes = bundles.onnx_bytes
-    monkeypatch.setattr(bundles, "onnx_bytes", lambda network, *given: onnx_bytes(Other(), *given))
+    exported = (bundle / "model.onnx").read_bytes()
+    monkeypatch.setattr(bundles, "onnx_bytes", lambda network, *given: exported)
     with pytest.raises(InputError, match="no bundle is written"):
-        write_bundle(tmp_path / "bundle", BallNetwork(), ball_facts(), ELLIPSOID, chord_ends())
+        write_bundle(tmp_path / "bundle", Other(), ball_facts(), ELLIPSOID, chord_ends())
     assert list(tmp_path.iterdir()) == []
 
 
@@ -146,6 +149,14 @@ def test_damaged_bundles_are_refused(
     folder = copied(frame_bundle, tmp_path)
     change_json(folder / "bundle.json", **changes)
     with pytest.raises(InputError, match=why):
+        LidarBundle.load(folder)
+
+
+def test_a_bundle_without_a_network_is_refused(frame_bundle: Path, tmp_path: Path):
+    folder = copied(frame_bundle, tmp_path)
+    (folder / "model.onnx").write_bytes(b"no network")
+    change_json(folder / "bundle.json", model_sha256=hashlib.sha256(b"no network").hexdigest())
+    with pytest.raises(InputError, match="is no learned lidar"):
         LidarBundle.load(folder)
 
 

@@ -5,8 +5,6 @@ import pytest
 import trimesh
 from contact_binary import box, polyhedron
 from one_system import context_of
-from pydrake.perception import PointCloud
-from scipy import stats
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
 from proxops.systems import Lidar, LidarErrors, LidarGeometry, Polyhedron, ray_directions
@@ -87,7 +85,7 @@ def dumb_bell() -> Polyhedron:
     return polyhedron(*parts)
 
 
-@pytest.mark.parametrize(("name", "count"), [("kleopatra", 8), ("dumb-bell", 12)])
+@pytest.mark.parametrize(("name", "count"), [("kleopatra", 3), ("dumb-bell", 4)])
 def test_ranges_agree_with_exact_intersections(name, count, kleopatra):
     shape = kleopatra if name == "kleopatra" else dumb_bell()
     lidar = Lidar(shape, LidarErrors(), LidarGeometry(max_range=np.inf))
@@ -113,54 +111,14 @@ def test_ranges_agree_with_exact_intersections(name, count, kleopatra):
         rim = error > 0.05
         differing += int((np.isfinite(frame) != np.isfinite(expected)).sum() + rim.sum())
         found += int(both.sum())
-    assert found > 300
+    assert found > 100
     assert differing <= 1
 
 
 # Noise
 
 
-def test_noise_is_gaussian_with_the_stated_deviation(kleopatra):
-    position = [0.0, 20e3, 25e3]
-    exact, noisy = Lidar(kleopatra, LidarErrors()), Lidar(kleopatra)
-    truth = ranges(exact, context_of(exact, position=position))
-    errors = []
-    for step in range(12):
-        frame = ranges(noisy, context_of(noisy, 10.0 * step, position=position))
-        assert hits(frame) == hits(truth)
-        errors.append(frame[np.isfinite(truth)] - truth[np.isfinite(truth)])
-    sample = np.concatenate(errors)
-    count = sample.size
-    assert count > 10_000
-    assert abs(sample.mean()) < 4.0 * 50.0 / np.sqrt(count)
-    assert sample.std() == pytest.approx(50.0, abs=4.0 * 50.0 / np.sqrt(2.0 * count))
-    assert stats.kstest(sample / 50.0, "norm").pvalue > 1e-3
-    # White over the steps and over the rays of a frame.
-    assert abs(np.corrcoef(errors[0], errors[1])[0, 1]) < 4.0 / np.sqrt(errors[0].size)
-    assert abs(np.corrcoef(sample[1:], sample[:-1])[0, 1]) < 4.0 / np.sqrt(count)
-
-
 # The other outputs
-
-
-def test_point_cloud_agrees_with_ranges(kleopatra):
-    position = np.array([20e3, 60e3, -30e3])
-    lidar = Lidar(kleopatra)
-    context = context_of(lidar, 20.0, position=position)
-    frame = ranges(lidar, context).ravel()
-    cloud = lidar.GetOutputPort("point_cloud").Eval(context)
-    assert isinstance(cloud, PointCloud)
-    finite = np.isfinite(frame)
-    assert cloud.size() == finite.sum() > 0
-    expected = frame[finite, None] * ray_directions()[finite]
-    points = cloud.xyzs().T
-    assert points == pytest.approx(expected, rel=1e-6, abs=0.02)
-    exact = Lidar(kleopatra, LidarErrors())
-    cloud = exact.GetOutputPort("point_cloud").Eval(context_of(exact, position=position))
-    surface = trimesh.proximity.closest_point(
-        kleopatra.to_trimesh(), position + cloud.xyzs().T[::20]
-    )
-    assert surface[1].max() < 0.1  # Points are relative to the spacecraft, on the surface.
 
 
 def test_frames_equal_the_port(kleopatra):

@@ -97,8 +97,8 @@ def test_false_returns_by_chance(room: Polyhedron) -> None:
 
 def test_whole_frames_are_lost_by_chance(kleopatra: Polyhedron) -> None:
     """Those that are not lost are as they were, to the last bit."""
-    few, times = LidarGeometry(2, 60), 10.0 * np.arange(2000)
-    places = np.tile(POSITION, (2000, 1))
+    few, times = LidarGeometry(2, 60), 10.0 * np.arange(800)
+    places = np.tile(POSITION, (800, 1))
     options: dict[str, Any] = {"dropout": 0.2, "false_returns": 0.05}
     kept = Lidar(kleopatra, LidarErrors(50.0, **options), few).frames(times, places, 3)
     lossy = Lidar(kleopatra, LidarErrors(50.0, frame_loss=0.1, **options), few)
@@ -106,8 +106,8 @@ def test_whole_frames_are_lost_by_chance(kleopatra: Polyhedron) -> None:
     lost: np.ndarray = np.all(np.isinf(frames), axis=(1, 2))
     assert np.array_equal(frames[~lost], kept[~lost])
     assert np.isfinite(kept).any(axis=(1, 2)).all()
-    assert lost.mean() == pytest.approx(0.1, abs=4.0 * np.sqrt(0.09 / 2000))
-    assert (lost[1:] & lost[:-1]).mean() == pytest.approx(0.01, abs=4.0 * np.sqrt(0.0099 / 2000))
+    assert lost.mean() == pytest.approx(0.1, abs=4.0 * np.sqrt(0.09 / 800))
+    assert (lost[1:] & lost[:-1]).mean() == pytest.approx(0.01, abs=4.0 * np.sqrt(0.0099 / 800))
     other = np.isinf(lossy.frames(times[:200], places[:200], 4)).all(axis=(1, 2))
     assert not np.array_equal(other, lost[:200])
     assert np.isinf(frame(Lidar(kleopatra, LidarErrors(false_returns=1.0, frame_loss=1.0)))).all()

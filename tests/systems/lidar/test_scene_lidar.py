@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
@@ -72,6 +72,7 @@ def nearest(sensor: RigidTransform, meshes: list[tuple[trimesh.Trimesh, RigidTra
 angles = st.tuples(*3 * [st.floats(-3.0, 3.0)])
 
 
+@settings(max_examples=20)
 @given(turn=angles, box_turn=angles, height=st.floats(6.0, 60.0), aside=st.floats(-40.0, 40.0))
 def test_against_trimesh(turn: tuple, box_turn: tuple, height: float, aside: float) -> None:
     sensor = RigidTransform(RollPitchYaw(turn), [aside, 3.0, height])

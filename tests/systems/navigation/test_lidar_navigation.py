@@ -269,23 +269,6 @@ def test_the_system_is_the_navigator(delay: int) -> None:
     assert memory.estimate is not None
 
 
-def test_evaluation_order_changes_nothing() -> None:
-    """The same Context gives the same answer, whatever was asked of the system in between."""
-    system, flown = navigation(), flight()
-    first, second = (
-        context_of(system, ranges=flown.frames[k], commanded_force=np.zeros(3)) for k in (0, 30)
-    )
-    before = seen(system, first)
-    seen(system, second)
-    again = system.CreateDefaultContext()
-    again.SetTimeStateAndParametersFrom(first)
-    system.GetInputPort("ranges").FixValue(again, flown.frames[0])
-    system.GetInputPort("commanded_force").FixValue(again, np.zeros(3))
-    for context in (first, again):
-        for name, value in seen(system, context).items():
-            np.testing.assert_array_equal(value, before[name])
-
-
 # --- in a flight ----------------------------------------------------------------------------------
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from known_policies import RAYS, Counting, DeadReckoning, remember, write_policy
+from known_policies import RAYS, Counting, remember, write_policy
 from one_system import context_of
 from short_flights import kleopatra
 
@@ -60,19 +60,6 @@ def test_force_is_clipped(counting: Path) -> None:
     np.testing.assert_array_equal(forces[:, 1], np.maximum(-3.0 * np.arange(1, 11), -7.0))
     weak = [row["force"] for row in flown(NeuralPolicy(counting, thrust_limit=2.5), many)]
     np.testing.assert_array_equal(np.array(weak)[:, 0], np.minimum(np.arange(10.0), 2.5))
-
-
-def test_estimate(tmp_path: Path) -> None:
-    rows = flown(NeuralPolicy(write_policy(tmp_path / "policy", DeadReckoning())), APPLIED)
-    position, velocity = np.array([160e3, 0.0, 0.0]), np.zeros(3)
-    for k, (row, force) in enumerate(zip(rows, APPLIED, strict=True)):
-        if k:
-            position = position + 10.0 * velocity + 50.0 * force / 100.0
-        velocity = velocity + 10.0 * force / 100.0
-        assert row["estimate"][:3] == pytest.approx(position, abs=0.1)
-        assert row["estimate"][3:] == pytest.approx(velocity, abs=1e-6)
-        wanted = 0.01 * (TARGET[:3] - position) - 4.0 * velocity
-        assert row["force"] == pytest.approx(np.clip(wanted, -7.0, 7.0), abs=1e-3)
 
 
 def test_a_fault_of_the_program_ends_the_flight(counting: Path, monkeypatch) -> None:

@@ -72,16 +72,6 @@ def test_against_search(semi_axes: np.ndarray) -> None:
     )
 
 
-def test_sphere() -> None:
-    points = np.random.default_rng(1).normal(size=(200, 3)) * 3.0
-    points[0] = [1e-9, 0.0, 0.0]
-    points[1] = [0.0, -1e-9, 1e-9]
-    expected = np.linalg.norm(points, axis=1) - 3.0
-    np.testing.assert_allclose(
-        clearances(np.full(3, 3.0), points), expected, rtol=1e-12, atol=1e-13
-    )
-
-
 @each
 def test_points_on_the_axes(semi_axes: np.ndarray) -> None:
     """Outside a - x; inside the nearest point leaves the axis where x < a - c^2 / a."""

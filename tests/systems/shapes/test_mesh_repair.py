@@ -139,7 +139,7 @@ def _inwards(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
 
 @pytest.mark.parametrize("name", BODIES)
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6)
 @given(data=st.data())
 def test_doubled_and_reversed_facets_leave_the_solid(name: str, data: st.DataObject) -> None:
     """Any subset doubled, front or back, with vertices of its own or not, and any one reversed."""

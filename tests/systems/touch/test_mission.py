@@ -105,7 +105,7 @@ def test_the_transit_s_controller_is_heard_until_home_is_reached() -> None:
     assert flag == 0.0
 
 
-@pytest.mark.parametrize("since", [600.0, 1000.0, 1300.0, 1348.0])
+@pytest.mark.parametrize("since", [600.0, 1348.0])
 def test_a_failed_thruster_leads_home_from_any_height(since: float) -> None:
     flown = Flown(mission(tries=3), lambda time, phase: {"failed": time >= since})
     assert flown.memory.reason is AbortReason.THRUSTER
@@ -181,7 +181,7 @@ def test_the_stopping_distance_is_that_of_an_integration() -> None:
     assert stopping_distance(-0.1, pull, braking, delay) == 0.0
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_an_abort_stops_no_lower_than_promised(seed: int) -> None:
     """Of a state within four deviations of what is known, with 10 % less thrust."""
     random, made = np.random.default_rng(seed), mission()

@@ -12,24 +12,14 @@ from proxops.systems.common.counter_noise import generator
 def test_walk_is_the_sum_of_increments_since_the_reset():
     """With a command so strong that the bound never binds."""
     command = [1e6, 0.0, 0.0]
-    added = walks(RandomWalkDisturbance(1e9), constant(command, 60), seed=3) - command
-    drawn = np.array([0.5 * generator(3, step).standard_normal(3) for step in range(60)])
+    added = (
+        walks(RandomWalkDisturbance(1e9, increment_std=0.2), constant(command, 60), seed=3)
+        - command
+    )
+    drawn = np.array([0.2 * generator(3, step).standard_normal(3) for step in range(60)])
     for stretch in range(6):
         rows = slice(STEPS * stretch, STEPS * (stretch + 1))
         assert added[rows] == pytest.approx(np.cumsum(drawn[rows], axis=0), abs=1e-9)
-
-
-def test_increments_have_the_stated_deviation():
-    command = [1e6, 0.0, 0.0]
-    disturbance = RandomWalkDisturbance(1e9, increment_std=0.2)
-    added = walks(disturbance, constant(command, 3000)) - command
-    growth = np.diff(added.reshape(-1, STEPS, 3), axis=1, prepend=0.0)
-    assert abs(growth.mean()) < 4.0 * 0.2 / np.sqrt(growth.size)
-    assert growth.std() == pytest.approx(0.2, abs=4.0 * 0.2 / np.sqrt(2 * growth.size))
-    assert stats.kstest(growth.ravel() / 0.2, "norm").pvalue > 1e-3
-    # A walk: its variance grows with the steps since the reset.
-    spread = added.reshape(-1, STEPS, 3).var(axis=(0, 2))
-    assert spread == pytest.approx(0.04 * np.arange(1, STEPS + 1), rel=0.2)
 
 
 def bounds(seed: int, stretches: int, command) -> np.ndarray:
@@ -41,14 +31,14 @@ def bounds(seed: int, stretches: int, command) -> np.ndarray:
 
 
 def test_bound_is_drawn_anew_each_100_s_and_constant_between():
-    found = bounds(0, 400, [1.0, -2.0, 2.0])
+    found = bounds(0, 150, [1.0, -2.0, 2.0])
     assert np.ptp(found, axis=1).max() < 1e-12
     drawn = found[:, 0]
-    assert len(np.unique(drawn)) == 400
-    assert 0.0 <= drawn.min() < 0.05
-    assert 1.95 < drawn.max() <= 2.0
+    assert len(np.unique(drawn)) == 150
+    assert 0.0 <= drawn.min() < 0.1
+    assert 1.9 < drawn.max() <= 2.0
     assert stats.kstest(drawn / 2.0, "uniform").pvalue > 1e-3
-    assert abs(np.corrcoef(drawn[1:], drawn[:-1])[0, 1]) < 4.0 / np.sqrt(400)
+    assert abs(np.corrcoef(drawn[1:], drawn[:-1])[0, 1]) < 4.0 / np.sqrt(150)
 
 
 def test_bound_follows_the_command_within_a_stretch():

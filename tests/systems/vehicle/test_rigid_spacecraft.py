@@ -67,39 +67,14 @@ def test_a_symmetric_top_turns_as_in_closed_form():
         np.zeros(3),
         RigidBodyStart(np.zeros(6), angular_velocity=tuple(w)),
     )
-    out = flown(craft, 3600.0, step=0.5)
+    out = flown(craft, 900.0, step=0.5)
     rate = (c - a) / a * w[2]
-    precession = Rotation.from_rotvec([0, 0, rate * 3600.0])
+    precession = Rotation.from_rotvec([0, 0, rate * 900.0])
     np.testing.assert_allclose(out["angular_velocity"], precession.apply(w), atol=1e-9)
     # The attitude: turned about the fixed momentum at |L| / a, and back about the axis.
     momentum = np.diag([a, a, c]) @ w
-    closed = Rotation.from_rotvec(momentum / a * 3600.0) * precession.inv()
+    closed = Rotation.from_rotvec(momentum / a * 900.0) * precession.inv()
     assert (rotation(out["attitude"]) * closed.inv()).magnitude() < 1e-7
-
-
-def test_energy_and_angular_momentum_stay():
-    """With wheels that coast, the bus's energy and the whole momentum in N stay to 1e-10."""
-    w = np.array([0.02, -0.03, 0.05])
-    craft = RigidSpacecraft(
-        100.0,
-        INERTIA,
-        np.zeros(3),
-        RigidBodyStart(np.zeros(6), angular_velocity=tuple(w)),
-        wheel_axes=WHEELS,
-        wheel_inertia=0.05,
-    )
-    bus = INERTIA - 0.05 * WHEELS.T @ WHEELS
-    out = flown(craft, 600.0, wheel_torque=np.zeros(3))
-
-    def momentum(rate, wheels, attitude):
-        return rotation(attitude).apply(bus @ rate + wheels @ WHEELS)
-
-    first = momentum(w, 0.05 * WHEELS @ w, [1, 0, 0, 0])
-    last = momentum(out["angular_velocity"], out["wheel_momentum"], out["attitude"])
-    assert np.linalg.norm(last - first) < 1e-10 * np.linalg.norm(first)
-    # Wheels without motors keep their momentum, so the bus's own energy is kept.
-    energies = [rate @ bus @ rate for rate in (w, out["angular_velocity"])]
-    assert abs(energies[1] / energies[0] - 1.0) < 1e-10
 
 
 class _PushedBody(LeafSystem):
@@ -124,7 +99,7 @@ class _PushedBody(LeafSystem):
 
 
 def test_it_moves_as_drakes_multibody_plant_does():
-    """A bus with three driven wheels under a force and a torque, 200 s."""
+    """A bus with three driven wheels under a force and a torque, 100 s."""
     wheel_mass, wheel_inertia, w = 4.0, 0.05, (0.01, 0.02, -0.015)
     force, torque = np.array([1.0, -2.0, 0.5]), np.array([0.02, 0.01, -0.03])
     motors = np.array([0.02, -0.03, 0.01])
@@ -157,8 +132,8 @@ def test_it_moves_as_drakes_multibody_plant_does():
         wheel_inertia=wheel_inertia,
     )
     ResetIntegratorFromFlags(simulator, "runge_kutta5", 0.1).set_fixed_step_mode(True)
-    simulator.AdvanceTo(200.0)
-    out = flown(craft, 200.0, force=force, torque=torque, wheel_torque=motors)
+    simulator.AdvanceTo(100.0)
+    out = flown(craft, 100.0, force=force, torque=torque, wheel_torque=motors)
     pose = plant.EvalBodyPoseInWorld(context, bus)
     assert np.linalg.norm(pose.translation() - out["position"]) < 1e-6
     other = Rotation.from_matrix(pose.rotation().matrix())

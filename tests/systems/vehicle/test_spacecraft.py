@@ -105,13 +105,6 @@ def test_circular_orbit_seen_from_the_rotating_frame():
     assert np.linalg.norm(state_of(simulator, craft)[:3] - expected) < 0.01
 
 
-def test_thrust_alone_moves_it_by_half_a_t_squared():
-    simulator, craft = coasting(NoGravity(), np.zeros(6), force=(7.0, -3.5, 1.0), spin=0.0)
-    simulator.AdvanceTo(100.0)
-    expected = 0.5 * np.array([7.0, -3.5, 1.0]) / 100.0 * 100.0**2
-    assert state_of(simulator, craft)[:3] == pytest.approx(expected, rel=1e-12)
-
-
 def plant_with_gravity(body):
     builder = DiagramBuilder()
     craft = builder.AddSystem(Spacecraft(100.0, body.spin_rate))

@@ -56,19 +56,6 @@ def test_the_sun_stands_still_or_goes_round() -> None:
         np.testing.assert_allclose(found, -body, atol=1e-12)
 
 
-def test_the_orbit_may_be_inclined() -> None:
-    """The direction stays in the plane of the orbit, and goes round at an even rate."""
-    pole = np.array([0.2, -0.5, 0.7])
-    start = np.cross(pole, [1.0, 0.0, 0.0])
-    settings = SunlightConfig(start.tolist(), 1.0, YEAR, pole.tolist())
-    times = np.linspace(0.0, YEAR * 86400.0, 13)
-    found = np.array([sun_direction(time, settings) for time in times])
-    np.testing.assert_allclose(found @ pole, 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0)
-    steps = np.cross(found[:-1], found[1:]) @ pole / np.linalg.norm(pole)
-    np.testing.assert_allclose(steps, math.sin(math.radians(30.0)), rtol=1e-9)
-
-
 def test_the_direction_in_k_goes_round_with_the_spin() -> None:
     rate = [1e-4, -2e-4, 3e-4]
     system = sunlight(SunlightConfig(direction=[1.0, 2.0, -2.0]), SteadySpin(rate))

@@ -21,8 +21,8 @@ from proxops.systems.lidar import LearnedLidarConfig
 from proxops.training.data.collection import describe_flight
 from proxops.training.data.recovery import flight_scenario, kind_of
 
-# Over after 15 steps, wherever it is then.
-BRIEF = {"arrival.deadline_s": 100.0, "arrival.dwell_s": 50.0, "mpc.intervals": 10}
+# Over after 7 steps, wherever it is then.
+BRIEF = {"arrival.deadline_s": 50.0, "arrival.dwell_s": 20.0, "mpc.intervals": 10}
 SETTINGS = settings(BRIEF)
 FULL = {
     "nominal": 3, "random_walk": 3, "noise": 4, "kicks": 2, "overshoot": 3, "keep_out": 2,
@@ -72,6 +72,11 @@ def full_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
+def full_logs(full_set: Path) -> list[FlightLog]:
+    return logs_of(full_set)
+
+
+@pytest.fixture(scope="module")
 def two_flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two flights of the mix that is the default."""
     out = tmp_path_factory.mktemp("collection") / "out"
@@ -99,13 +104,13 @@ def test_seeds_of_evaluation_are_warned_of(
     assert ("seeds from 10,000 on are for evaluation: train nothing on" in told) == warned
 
 
-def test_manifest_and_logs(full_set: Path) -> None:
+def test_manifest_and_logs(full_set: Path, full_logs: list[FlightLog]) -> None:
     manifest = manifest_of(full_set)
     wanted = load_scenario(None, BRIEF, on_true_state=True)
     assert parse_scenario(manifest["scenario"]) == wanted
     assert (manifest["mix"], manifest["seed"]) == (FULL, 5)
     assert len(manifest["body_sha256"]) == 64
-    for index, (row, log) in enumerate(zip(manifest["flights"], logs_of(full_set), strict=True)):
+    for index, (row, log) in enumerate(zip(manifest["flights"], full_logs, strict=True)):
         assert row["kind"] == kind_of(FULL, index)
         assert log.dataset.attrs["proxops_version"] == manifest["proxops_version"]
         flown = flight_scenario(row["kind"], wanted, kleopatra(), 5, index)
@@ -138,9 +143,9 @@ def test_learned_lidar_gives_the_frames_of_disturbed_flights(
         assert ("lidar_sha256" in log.dataset.attrs) == (row["kind"] == "random_walk")
 
 
-def test_report(full_set: Path) -> None:
+def test_report(full_set: Path, full_logs: list[FlightLog]) -> None:
     report = json.loads((full_set / "report.json").read_text())
-    logs = logs_of(full_set)
+    logs = full_logs
     commands = np.concatenate([log.dataset["mpc_force"].values for log in logs])
     small = np.abs(commands) < 0.2
     shares = report["all"]["zero_command_share"]

@@ -74,8 +74,9 @@ def test_files_that_are_not_theirs_are_refused(tmp_path: Path):
         expert_plans(load_scenario(), 5, 1, tmp_path, workers=Workers(1))
 
 
-def test_a_cube_within_the_ellipsoid_is_refused(tmp_path: Path):
+def test_a_cube_within_the_ellipsoid_is_refused(tmp_path: Path, monkeypatch):
     """Kleopatra's ellipsoid and its margin reach beyond this cube on all sides."""
+    monkeypatch.setattr("proxops.training.data.plans._MOST_DRAWS", 1000)
     scenario = load_scenario(None, {"transit.cube_m": 50e3, "transit.min_distance_m": 1e3})
     with pytest.raises(InputError, match=r"transit.cube_m \(50000 m\) that lie outside"):
         expert_plans(scenario, 3, 1, tmp_path, workers=Workers(1))

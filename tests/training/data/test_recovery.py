@@ -14,7 +14,7 @@ from proxops.systems import InputError
 from proxops.training.data.recovery import KINDS, MIXES, flight_scenario, kind_of, parse_mix
 
 AXES = np.array([140e3, 70e3, 65e3])
-COUNT = 150
+COUNT = 80
 
 
 def flown(kind: str, index: int, wanted: Scenario | None = None, seed: int = 3) -> Scenario:

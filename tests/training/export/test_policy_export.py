@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 import torch
 from exported_once import change_json, copied
-from known_policies import Counting, DeadReckoning, example_steps, facts_of, remember
+from known_policies import (
+    Counting,
+    DeadReckoning,
+    example_steps,
+    facts_of,
+    remember,
+    write_policy,
+)
 from torch import nn
 
 from proxops.systems import InputError, NeuralPolicy
@@ -17,9 +24,7 @@ from proxops.training.export import export_policy, policy_export
 
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("policy") / "bundle"
-    export_policy(DeadReckoning(), folder, facts_of(DeadReckoning), example_steps())
-    return folder
+    return write_policy(tmp_path_factory.mktemp("policy") / "bundle", DeadReckoning())
 
 
 def write_folder(folder: Path, content: bytes, name: str = "model") -> None:

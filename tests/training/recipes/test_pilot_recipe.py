@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from known_policies import Counting, write_policy
 
+from proxops.assets import ASSETS
 from proxops.cli.main import app
 from proxops.diagrams.flight import Workers, fly
 from proxops.diagrams.logs.flight_log import FlightLog
@@ -120,16 +120,17 @@ def test_sequence_is_step_after_step():
 
 def test_a_round_flies_what_is_hard(tmp_path: Path):
     """Three in four of the transits are blocked; each round has others, all of training seeds."""
-    bundle = write_policy(tmp_path / "bundle", Counting())
     nothing: dict = {}
     learner = Learner(
-        tmp_path, nothing, lambda _: [load_scenario()], lambda *_: nothing, (), flights=40
+        tmp_path, nothing, lambda _: [load_scenario()], lambda *_: nothing, (), flights=20
     )
-    [first], [second] = (round_flights(learner, bundle, DaggerSettings(), k) for k in (1, 2))
+    [first], [second] = (
+        round_flights(learner, ASSETS / "end_to_end", DaggerSettings(), k) for k in (1, 2)
+    )
     numbers = [int(flight.name.rsplit("-", 1)[1]) for flight in first]
     blocked = [number for number in numbers if number % 10 in (1, 4, 7)]
-    assert len(first) == len(set(numbers)) == 40
-    assert len(blocked) / 40 == pytest.approx(0.75, abs=0.1)
+    assert len(first) == len(set(numbers)) == 20
+    assert len(blocked) / 20 == pytest.approx(0.75, abs=0.1)
     assert not {flight.name for flight in first} & {flight.name for flight in second}
     assert all(flight.scenario.transit.seed < 10_000 for flight in first + second)
 
