@@ -86,6 +86,16 @@ def test_a_mass_on_a_damped_spring(damping: float) -> None:
         assert energy == pytest.approx(500.0 * 0.1**2, rel=0.01)
 
 
+def test_half_the_step() -> None:
+    found = []
+    for step in (0.02, 0.01):
+        diagram = make_contact_plant(flat(), EvenField([0, 0, -5e-5]), 0.0, craft(), step=step)
+        simulator, _ = started(diagram, [0, 0, 3.18, 0.01, 0, -0.1])
+        state, arm = rows(diagram, simulator, 4.0, "state", "arm")
+        found.append([arm[:, 0].max(), *state[-1, 3:]])
+    np.testing.assert_allclose(found[0], found[1], atol=5e-4)
+
+
 @pytest.mark.parametrize(("tilt", "rolls"), [(20.0, True), (75.0, False)])
 def test_a_sphere_on_a_ramp(tilt: float, rolls: bool) -> None:
     """The head alone, with a hard arm in the middle of the craft: it rolls, or slides and turns."""

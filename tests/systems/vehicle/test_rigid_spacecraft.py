@@ -77,6 +77,31 @@ def test_a_symmetric_top_turns_as_in_closed_form():
     assert (rotation(out["attitude"]) * closed.inv()).magnitude() < 1e-7
 
 
+def test_energy_and_angular_momentum_stay():
+    """With wheels that coast, the bus's energy and the whole momentum in N stay to 1e-10."""
+    w = np.array([0.02, -0.03, 0.05])
+    craft = RigidSpacecraft(
+        100.0,
+        INERTIA,
+        np.zeros(3),
+        RigidBodyStart(np.zeros(6), angular_velocity=tuple(w)),
+        wheel_axes=WHEELS,
+        wheel_inertia=0.05,
+    )
+    bus = INERTIA - 0.05 * WHEELS.T @ WHEELS
+    out = flown(craft, 600.0, wheel_torque=np.zeros(3))
+
+    def momentum(rate, wheels, attitude):
+        return rotation(attitude).apply(bus @ rate + wheels @ WHEELS)
+
+    first = momentum(w, 0.05 * WHEELS @ w, [1, 0, 0, 0])
+    last = momentum(out["angular_velocity"], out["wheel_momentum"], out["attitude"])
+    assert np.linalg.norm(last - first) < 1e-10 * np.linalg.norm(first)
+    # Wheels without motors keep their momentum, so the bus's own energy is kept.
+    energies = [rate @ bus @ rate for rate in (w, out["angular_velocity"])]
+    assert abs(energies[1] / energies[0] - 1.0) < 1e-10
+
+
 class _PushedBody(LeafSystem):
     """Force and torque that are constant in a body's own axes, for MultibodyPlant."""
 
