@@ -290,8 +290,7 @@ def predict(estimate, gravity, force, step, noise, turning, mass):
     for i in range(3):
         for j in range(3):
             around[i, j] += swing[i, j]
-    factor = 1.0 + mean[_GRAVITY]
-    v = mean[_V : _V + 3]
+    factor, v = 1.0 + mean[_GRAVITY], mean[_V : _V + 3]
     tide, offset, commanded, given = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
     now = mass * max(1.0 - mean[_PROPELLANT] * spent, _LEAST_MASS)
     for i in range(3):
@@ -306,7 +305,6 @@ def predict(estimate, gravity, force, step, noise, turning, mass):
     for i in range(3):
         total[i] = factor * believed[i] - 2.0 * coriolis[i] - centrifugal[i] + thrust[i]
         total[i] += mean[_CONSTANT + i] + mean[_VARYING + i]
-
     phi, gamma = _transition(tide, turn, step)
     # From the point in the middle.
     start, rate = np.zeros(6), np.empty(6)
