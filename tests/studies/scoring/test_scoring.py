@@ -79,9 +79,11 @@ def test_tracks_are_what_was_drawn(name: str) -> None:
     assert drawn.body_sha256 == track.body_sha256
     kept = dc.replace(track, changes=track.changes[:2])
     for one, other in zip(drawn.flights("zero"), kept.flights("zero"), strict=True):
-        # Since 1.14 a rigid spacecraft is told its star tracker's error, and not a degree.
-        told = {} if name != "touch" else {".navigation.expected.attitude_deg": 1.0}
-        assert values(one) | told == pytest.approx(values(other))
+        expected = values(other)
+        # Since 1.14 a rigid spacecraft is told its star tracker's error, since 1.15 its noise.
+        parts = ("deg", "noise_deg", "noise_correlation_s") if name == "touch" else ()
+        told = {key: expected[key] for key in map(".navigation.expected.attitude_{}".format, parts)}
+        assert values(one) | told == pytest.approx(expected)
     assert len({json.dumps(change, sort_keys=True) for change in track.changes}) == many
 
 
