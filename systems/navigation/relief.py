@@ -17,8 +17,9 @@ from proxops.systems.navigation.estimate import POSITION, Estimate
 # Rays by which the relief's likeness from ray to ray is computed, at most.
 _ENOUGH = 200
 # Over so many correlation lengths of way, half of what matters of the relief stays alike: the rays
-# meet other stones then. The other half changes at once, with the facets that the rays meet.
-_SEEN_AGAIN = 3.0
+# meet other stones then. The other half changes sooner, with the facets that the rays meet: some
+# frames in a row meet the same ones, so each of them counts as one of so many.
+_LENGTHS, _SEEN_AGAIN = 3.0, 4.0
 PATTERNS = 6
 """Number of the coefficients: relief looks like an error of position and attitude.
 
@@ -42,7 +43,8 @@ def relief_rows(
 
     Returns:
       (K, P), with columns of 0 if there are fewer rays; and the variance in m^2 by which each
-      residual is off anew in each frame: of what matters, as much as the coefficients have.
+      residual is off anew in each frame: of what matters, as much as the coefficients have, and
+      several times over, because it is not new in each.
     """
     basis, triangle = np.linalg.qr(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300))
     # Without a sign of their own, patterns would not be alike from frame to frame.
@@ -59,7 +61,7 @@ def relief_rows(
     root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     found = np.zeros_like(rows)
     found[:, : basis.shape[1]] = std * basis @ root
-    return found, std**2 * max(0.0, float(values.mean()))
+    return found, _SEEN_AGAIN * std**2 * max(0.0, float(values.mean()))
 
 
 def forgotten(estimate: Estimate, before: Estimate, first: int, correlation: float) -> Estimate:
@@ -69,7 +71,7 @@ def forgotten(estimate: Estimate, before: Estimate, first: int, correlation: flo
     Gauss-Markov process over the way since the estimate `before`, with the correlation length in m.
     """
     way = np.linalg.norm(estimate.mean[POSITION] - before.mean[POSITION])
-    decay = math.exp(-way / (_SEEN_AGAIN * correlation))
+    decay = math.exp(-way / (_LENGTHS * correlation))
     mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
     some = slice(first, None)
     mean[some] *= decay
