@@ -160,14 +160,12 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
         gyro=gyro.get_output_port(),
     )
     wiring.logged["inertial_attitude"] = inertial.get_output_port()
-    steps = scenario.attitude_steps
-    given = wiring.add("given_force", GivenForce(period, steps))
-    thrust = wiring.add("given_thrust", GivenForce(period, steps, 1))
+    given = wiring.add("given_force", GivenForce(period, scenario.attitude_steps))
     names = ("attitude", "angular_velocity", "body_attitude", "middle_attitude")
     outputs = {name: known.GetOutputPort(name) for name in names}
-    outputs["commanded_force"] = given.GetOutputPort("mean")
-    outputs["force_lead"] = given.GetOutputPort("lead")
-    return {**outputs, "commanded_thrust": thrust.GetOutputPort("mean")}
+    outputs["commanded_force"] = given.GetOutputPort("mean_force")
+    outputs["commanded_thrust"] = given.GetOutputPort("mean_thrust")
+    return {**outputs, "force_lead": given.GetOutputPort("force_lead")}
 
 
 def add_actuation(
@@ -198,9 +196,9 @@ def add_actuation(
     guidance = builder.GetSubsystemByName("attitude_guidance")
     if guidance.HasInputPort("lost"):
         builder.Connect(allocation.GetOutputPort("lost"), guidance.GetInputPort("lost"))
-    for name in ("given_force", "given_thrust"):
-        mean = builder.GetSubsystemByName(name).get_input_port()
-        builder.Connect(allocation.GetOutputPort(name), mean)
+    given = builder.GetSubsystemByName("given_force")
+    for name in ("force", "thrust"):
+        builder.Connect(allocation.GetOutputPort(f"given_{name}"), given.GetInputPort(name))
     times = wiring.held("thruster_hold", allocation.GetOutputPort("on_times"), own.period)
     estimator = builder.GetSubsystemByName("torque_estimator")
     builder.Connect(times, estimator.GetInputPort("on_times"))

@@ -214,10 +214,13 @@ def test_the_given_force_is_the_mean_of_a_control_period_and_how_early_it_was():
     for k, force in enumerate(forces):
         context.SetTime(2.0 * k)
         if k in (5, 10):
-            found = given_force.GetOutputPort("mean").Eval(context)
+            found = given_force.GetOutputPort("mean_force").Eval(context)
             np.testing.assert_allclose(found, forces[k - 5 : k].mean(axis=0))
+            found = given_force.GetOutputPort("mean_thrust").Eval(context)
+            np.testing.assert_allclose(found, k - 3.0)
             # Of periods of 2 s, the middles of all five are so long before that of the whole.
             lead = 2.0 * np.array([4.0, 2.0, 0.0, -2.0, -4.0]) @ forces[k - 5 : k]
-            np.testing.assert_allclose(given_force.GetOutputPort("lead").Eval(context), lead)
-        given_force.get_input_port().FixValue(context, force)
+            np.testing.assert_allclose(given_force.GetOutputPort("force_lead").Eval(context), lead)
+        given_force.GetInputPort("force").FixValue(context, force)
+        given_force.GetInputPort("thrust").FixValue(context, [float(k)])
         context.SetDiscreteState(given_force.EvalUniquePeriodicDiscreteUpdate(context))
