@@ -8,7 +8,7 @@ of `survey.json` hold it.
 
 from proxops.diagrams.surveys.mission import MissionFlown, begin_mission, run_mission
 from proxops.diagrams.surveys.survey_files import Surveyed
-from proxops.diagrams.surveys.survey_flight import Flying, SurveyFlight
+from proxops.diagrams.surveys.survey_flight import Flying, SurveyFlight, known_ellipsoid
 from proxops.diagrams.surveys.survey_run import run_survey
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "SurveyFlight",
     "Surveyed",
     "begin_mission",
+    "known_ellipsoid",
     "run_mission",
     "run_survey",
 ]

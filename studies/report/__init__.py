@@ -26,7 +26,7 @@ from proxops.studies.report.plots import (
     plot_flights,
 )
 from proxops.studies.report.shown_flights import may_be_shown, outcome
-from proxops.studies.report.survey_report import write_survey_report
+from proxops.studies.report.survey_report import plot_over_surface, write_survey_report
 
 __all__ = [
     "BLACK",
@@ -45,6 +45,7 @@ __all__ = [
     "outcome",
     "path_handles",
     "plot_flights",
+    "plot_over_surface",
     "success_text",
     "write_evaluation",
     "write_survey_report",
