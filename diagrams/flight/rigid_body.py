@@ -162,10 +162,12 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
     wiring.logged["inertial_attitude"] = inertial.get_output_port()
     given = wiring.add("given_force", GivenForce(period, scenario.attitude_steps))
     names = ("attitude", "angular_velocity", "body_attitude", "middle_attitude")
-    outputs = {name: known.GetOutputPort(name) for name in names}
-    outputs["commanded_force"] = given.GetOutputPort("mean_force")
-    outputs["commanded_thrust"] = given.GetOutputPort("mean_thrust")
-    return {**outputs, "force_lead": given.GetOutputPort("force_lead")}
+    return {
+        **{name: known.GetOutputPort(name) for name in names},
+        "commanded_force": given.GetOutputPort("mean_force"),
+        "commanded_thrust": given.GetOutputPort("mean_thrust"),
+        "force_lead": given.GetOutputPort("force_lead"),
+    }
 
 
 def add_actuation(
