@@ -77,7 +77,7 @@ QUANTITIES = (
     Quantity("truth.lidar.outage_from_step", bounds=HARMLESS, needs="truth.lidar.outage_steps"),
     Quantity("truth.thrusters.scale", 1.0, "thrust", "thrust"),
     Quantity("truth.thrusters.direction_deg", 0.0, "thrust_direction_deg", "thrust_direction_deg"),
-    Quantity("truth.thrusters.least_impulse_n_s", bounds="acceleration_m_s2"),
+    Quantity("truth.thrusters.least_impulse_n_s", 0.0, "least_impulse_n_s", "acceleration_m_s2"),
     Quantity("truth.thrusters.quantum_n", bounds="acceleration_m_s2"),
     Quantity("truth.thrusters.failed_axis"),
     Quantity("truth.thrusters.failure_time_s", needs="truth.thrusters.failed_axis"),

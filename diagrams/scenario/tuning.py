@@ -108,6 +108,7 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
     if impulse is not None:
         errors.propellant_s_per_m = 1.0 / (STANDARD_GRAVITY * impulse)
     if isinstance(craft, RigidBodyConfig):
+        errors.least_impulse_n_s = 0.0  # Its thrusters owe what is too little.
         noise = load_spacecraft(craft.model).noise
         std, alike = settled_noise(noise, scenario.attitude_period_s, scenario.attitude_steps)
         errors.attitude_noise_deg = math.degrees(std)

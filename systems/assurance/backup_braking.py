@@ -221,14 +221,15 @@ class BackupBraking:
         worst = int(needed.argmax())
         if needed[worst] < np.inf:
             return
-        cruise, outward = self.cruise_speed, self.outward_speed
+        outward, errors = self.outward_speed, 3.0 * self.world.velocity
         raise InputError(
             "runtime assurance: within assurance.bounds, no height above "
             f"{describe(points[worst])} of the keep-out ellipsoid is enough for a spacecraft at "
-            f"rest there. The backup has to reach {outward:.3g} m/s outwards whatever the errors, "
-            f"and seeks {cruise:.3g} m/s; of that the state's errors take "
-            f"{3.0 * self.world.velocity:.3g} m/s: tighten "
-            "assurance.bounds.velocity_m_s, position_m or delay_s, or "
+            f"rest there. The backup has to reach {outward:.3g} m/s outwards whatever the errors: "
+            f"{outward - errors:.3g} m/s because it thrusts for a whole control period, "
+            f"{errors:.3g} m/s for the state's errors. It seeks {self.cruise_speed:.3g} m/s, "
+            f"{_CRUISE:g} of the speed limit: raise spacecraft.speed_limit_m_s, shorten "
+            "control_period_s, tighten assurance.bounds.velocity_m_s, position_m or delay_s, or "
             + tightest(budget(self.bounds, self.world.thrust, self.gravity.strongest))
         )
 

@@ -41,6 +41,8 @@ class ExpectedErrors:
     propellant_s_per_m: float = number(0.0, at_least=0.0, at_most=1.0, unit="s/m")
     # Of the axes of the thrusters.
     thrust_direction_deg: float = number(0.0, at_least=0.0, at_most=90.0, unit="degrees")
+    # The impulse along an axis in a period below which the thrusters give nothing.
+    least_impulse_n_s: float = number(0.0, at_least=0.0, at_most=1e9, unit="N s")
     # Of a constant acceleration that nothing explains, along each axis.
     acceleration_m_s2: float = number(0.0, at_least=0.0, at_most=1e6, unit="m/s^2")
     # Of an acceleration that varies, and the time over which its correlation falls to 1/e.

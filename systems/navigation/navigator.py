@@ -148,6 +148,7 @@ class Navigator:
         suspected = dc.replace(_SUSPECTED, acceleration_m_s2=acceleration)
         self._suspected = sigmas(suspected, spin) ** 2
         self._period, self._delay = period, frame_delay
+        self._least_force = expected.least_impulse_n_s / period
 
     def start(self) -> Memory:
         """The memory before the first frame."""
@@ -184,6 +185,7 @@ class Navigator:
           lead: (3,) in N s^2 along the axes of S, of the force in that period: see `GivenForce`;
             None: it was constant.
         """
+        force = np.where(np.abs(force) < self._least_force, 0.0, force)
         if thrust is None:
             thrust = sum(map(abs, force.tolist()))
         push = np.concatenate([force, [thrust], np.zeros(3) if lead is None else lead])

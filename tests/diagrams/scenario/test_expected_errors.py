@@ -34,7 +34,6 @@ LIDAR = "navigation=!LidarNavigation {}"
 # What the lidar is told from the scenario, what it finds by itself, and what nobody tells it.
 NOT_TOLD = {
     "truth.lidar.dropout", "truth.lidar.false_returns", "truth.lidar.frame_loss",
-    "truth.thrusters.least_impulse_n_s",
 }  # fmt: skip
 
 
@@ -111,6 +110,7 @@ def test_numbers_of_before_survey() -> None:
         "thrust_varying": 0.0,
         "propellant_s_per_m": 1.0 / (9.80665 * 220.0),
         "thrust_direction_deg": 1.0 / 3.0,
+        "least_impulse_n_s": 0.05,
         "acceleration_m_s2": 1.43e-3 * 0.07 / 3.0,
         "acceleration_varying_m_s2": 4.76e-4 * 0.07,
         "acceleration_correlation_s": 600.0,

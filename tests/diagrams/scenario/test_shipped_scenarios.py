@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from proxops.diagrams.flight.scenario_systems import make_backup
 from proxops.diagrams.scenario import (
     draw_transit,
     load_body,
@@ -11,6 +12,7 @@ from proxops.diagrams.scenario import (
     scenario_remarks,
     shipped_scenarios,
 )
+from proxops.systems.assurance import AssuranceConfig
 from proxops.systems.common import InputError
 
 # Mean radii in m as published: Lauretta et al. 2019; Watanabe et al. 2019; Toutatis by its volume.
@@ -50,6 +52,19 @@ def test_transits_at_didymos_are_outside_the_orbit_of_its_moon() -> None:
     (moon,) = body.moons
     ring, height = np.hypot(ends[:, 0], ends[:, 1]), ends[:, 2]
     assert np.hypot(ring - 1146.0, height).min() > moon.config.radius_m + 0.03 * 1146.0
+
+
+@pytest.mark.parametrize("name", [*RADII, "didymos"])
+def test_runtime_assurance_keeps_out_in_all_worlds_of_after_survey(name: str) -> None:
+    scenario = load_scenario(name, ["dispersions=after_survey"])
+    backup = make_backup(scenario, load_body(name), AssuranceConfig())
+    assert backup.cruise_speed > backup.outward_speed
+
+
+def test_where_thrust_of_one_period_is_too_much_the_message_says_what_to_change() -> None:
+    slow = load_scenario("ryugu", ["dispersions=after_survey", "spacecraft.speed_limit_m_s=1"])
+    with pytest.raises(InputError, match=r"whole control period, .* raise spacecraft.speed_limit"):
+        make_backup(slow, load_body("ryugu"), AssuranceConfig())
 
 
 @pytest.mark.parametrize("name", RADII)

@@ -20,6 +20,7 @@ from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.motion import Motion
 from proxops.systems.navigation.navigator import Navigator, Step
 from proxops.systems.shapes import displaced
+from proxops.systems.vehicle import ThrusterErrors, thrust_given
 
 ACQUIRING, FOLLOWING, LOST = NavigationPhase
 
@@ -28,8 +29,8 @@ ACQUIRING, FOLLOWING, LOST = NavigationPhase
 
 
 @functools.cache
-def navigator(delay: int = 0) -> Navigator:
-    body, expected = kleopatra(), ExpectedErrors()
+def navigator(delay: int = 0, least_impulse: float = 0.0) -> Navigator:
+    body, expected = kleopatra(), ExpectedErrors(least_impulse_n_s=least_impulse)
     model = FrameModel(body.shape, DEFAULT_GEOMETRY, NOISE, MapError(body.shape))
     motion = Motion(body.gravity_field, body.shape.extents, body.spin_rate, MASS, expected)
     return Navigator(model, motion, expected, 30.0, PERIOD, delay)
@@ -96,6 +97,21 @@ def test_it_is_as_certain_as_it_is_good() -> None:
     assert 2.0 < np.mean(values) < 14.0
     nis = [step.correction.nis for step in steps[1:] if step.correction]
     assert np.mean(nis) == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_is_too_little_for_the_thrusters_is_not_expected() -> None:
+    """It moves as under what the thrusters of the true world would give."""
+    flown, command = flight(), np.array([0.19, 0.21, -0.1])
+    given = np.array(thrust_given(command.tolist(), ThrusterErrors(least_impulse=2.0), PERIOD, 0.0))
+    begun = navigator().step(navigator().start(), flown.frames[0], np.zeros(3), 0.0).memory
+    found = navigator(0, 2.0).step(begun, flown.frames[1], command, PERIOD).now
+    right = navigator().step(begun, flown.frames[1], given, PERIOD).now
+    wrong = navigator().step(begun, flown.frames[1], command, PERIOD).now
+    assert found is not None
+    assert right is not None
+    assert wrong is not None
+    np.testing.assert_array_equal(found.mean, right.mean)
+    assert (found.mean != wrong.mean).any()
 
 
 def test_five_minutes_without_frames() -> None:
