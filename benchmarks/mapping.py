@@ -41,16 +41,17 @@ def main() -> None:
     parser.add_argument("scenario")
     parser.add_argument("--seeds", default="31000:31020")
     parser.add_argument("--hours", type=float, default=20.0)
+    parser.add_argument("--dispersions", default="first_look")
     parser.add_argument("--out", type=Path, default=Path("out/mapping"))
     asked = parser.parse_args()
     first, last = map(int, asked.seeds.split(":"))
-    rows = []
+    rows, body = [], load_scenario(asked.scenario).body
     print("seed", *COLUMNS.values(), sep=" | ")
     for seed in range(first, last):
-        folder = asked.out / f"{Path(asked.scenario).stem}-{seed}"
+        folder = asked.out / f"{Path(body).stem}-{seed}"
         made = folder / "survey.json"
         if not made.is_file():
-            scenario = load_scenario(asked.scenario, dispersions="first_look")
+            scenario = load_scenario(asked.scenario, dispersions=asked.dispersions)
             scenario.transit.seed = seed
             scenario = dc.replace(scenario, task=SurveyConfig(hours=asked.hours))
             try:
