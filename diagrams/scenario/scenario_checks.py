@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from proxops.diagrams.scenario.keys import names_and_paths, why_not_dispersed
 from proxops.diagrams.scenario.scenario_config import Scenario, TransitConfig
 from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
-from proxops.diagrams.scenario.tasks import TouchAndGoConfig, Transit
+from proxops.diagrams.scenario.tasks import MISSIONS, MissionConfig, TouchAndGoConfig, Transit
 from proxops.systems.common import InputError, check_limits
 from proxops.systems.lidar import LearnedLidarConfig
 
@@ -112,6 +112,9 @@ def _task(scenario: Scenario) -> Iterator[str]:
             "runtime assurance keeps out of the keep-out ellipsoid, into which a touch-and-go "
             "goes: leave it out, or set task.transit, which it guards"
         )
+    if isinstance(task, MissionConfig) and task.phases not in MISSIONS:
+        choices = " or ".join(f"[{', '.join(phases)}]" for phases in MISSIONS)
+        yield f"task.phases must be {choices}, got {task.phases}"
 
 
 def _dispersed(scenario: Scenario) -> Iterator[str]:

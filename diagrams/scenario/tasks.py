@@ -76,15 +76,21 @@ class TouchAndGoConfig:
     arm_m: float = number(3.0, above=0.2, at_most=100.0, unit="m")
 
 
+MISSIONS = ["survey", "transit"], ["survey", "transit", "touch_and_go"]
+"""The phases that a mission may have."""
+
+
 @config
 class MissionConfig:
     """Come to a body that is known as an ellipsoid, and fly on a map of one's own.
 
-    A survey makes the map; then comes a touch-and-go whose transit begins where the survey ends.
-    `run_mission` and `proxops fly` fly it. `transit.seed` and `transit.index` say which mission of
-    a set.
+    A survey makes the map. A transit begins where the survey ends, and leads to the goal of the
+    scenario's transit, or to a place that a touch-and-go chooses and touches. `run_mission` and
+    `proxops fly` fly it. `transit.seed` and `transit.index` say which mission of a set.
     """
 
+    # [survey, transit], or [survey, transit, touch_and_go].
+    phases: list[str] = dc.field(default_factory=lambda: list(MISSIONS[-1]))
     survey: SurveyConfig = dc.field(default_factory=SurveyConfig)
     # Its site is chosen on the survey's map, unless it is given.
     touch: TouchAndGoConfig = dc.field(default_factory=lambda: TouchAndGoConfig(transit=True))

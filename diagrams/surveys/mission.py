@@ -1,4 +1,4 @@
-"""`run_mission`: a survey, and then a touch-and-go that begins where the survey ends."""
+"""`run_mission`: a survey, and then a transit or touch-and-go that begins where it ends."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ from proxops.diagrams.scenario import (
     MissionConfig,
     PointMassConfig,
     Scenario,
+    TouchAndGoConfig,
+    draw_transit,
     dump_scenario,
+    load_body,
     load_scenario,
 )
 from proxops.diagrams.surveys.survey_files import Surveyed, true_attitude, write_text
@@ -37,7 +40,7 @@ class MissionFlown(NamedTuple):
 
     surveyed: Surveyed
     log: FlightLog
-    """Of the flight after the survey: the transit to home, the touch, and the way home."""
+    """Of the flight after the survey: the transit, and the touch and the way home, if any."""
 
 
 def run_mission(
@@ -54,7 +57,7 @@ def run_mission(
     Args:
       scenario: with a mission as its task. body: as believed; of its mesh, only the extents count.
       folder: takes the survey's files, and `flight.yaml`, the scenario of the flight after it.
-      controller: flies the transit to home; see `named_controller`.
+      controller: flies the transit; see `named_controller`.
       progress: is called with the share done.
 
     Raises:
@@ -75,9 +78,12 @@ def begin_mission(
     surveying, visiting = parts_of(scenario)
     _check_speed(surveying, body)
     surveyed = run_survey(surveying, body, folder, progress, visiting)
-    text = f"# After the survey: to a place on its map.\n{dump_scenario(onward(surveyed))}"
-    path = folder / "flight.yaml"
-    write_text(path, text)
+    after, path = onward(surveyed), folder / "flight.yaml"
+    if not isinstance(after.task, TouchAndGoConfig):
+        transit = after.transit
+        drawn = draw_transit(transit.seed, transit.index, after, load_body(folder / "body.yaml"))
+        transit.goal_m = drawn.goal.tolist()
+    write_text(path, f"# After the survey: to a place on its map.\n{dump_scenario(after)}")
     return surveyed, load_scenario(path)
 
 
@@ -86,16 +92,20 @@ def parts_of(scenario: Scenario) -> tuple[Scenario, Scenario]:
     mission, craft = scenario.task, scenario.spacecraft
     if not isinstance(mission, MissionConfig):
         raise InputError("the scenario's task is no mission: set task: !Mission {}")
-    if not scenario.is_rigid:
-        raise InputError("a mission ends with a touch, by a spacecraft of some size: set "
-                         "spacecraft: !RigidBody {}")  # fmt: skip
+    touches = "touch_and_go" in mission.phases
+    if touches and not scenario.is_rigid:
+        raise InputError(
+            "a mission ends with a touch, by a spacecraft of some size: set spacecraft: "
+            "!RigidBody {}, or task.phases: [survey, transit]"
+        )
     point = PointMassConfig(craft.mass_kg, craft.thrust_limit_n, craft.speed_limit_m_s)
     impulse = scenario.true_specific_impulse_s
     truth = dc.replace(scenario.truth, specific_impulse_s=impulse)
     survey = dc.replace(
         scenario, task=mission.survey, spacecraft=point, truth=truth, assurance=None
     )
-    return survey, dc.replace(scenario, task=dc.replace(mission.touch, transit=True))
+    after = dc.replace(mission.touch, transit=True) if touches else Scenario().task
+    return survey, dc.replace(scenario, task=after)
 
 
 def _check_speed(surveying: Scenario, body: Body) -> None:

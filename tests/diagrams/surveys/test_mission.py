@@ -1,6 +1,7 @@
 """What a mission hands over: where the spacecraft is, in the frame of its map, and the world."""
 
 import dataclasses as dc
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -8,10 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from short_flights import kleopatra
 
+from proxops import assets
 from proxops.diagrams.flight import fly
-from proxops.diagrams.scenario import MissionConfig, Scenario, load_body, load_scenario
-from proxops.diagrams.surveys import begin_mission
+from proxops.diagrams.scenario import (
+    MissionConfig,
+    Scenario,
+    SurveyConfig,
+    draw_transit,
+    load_body,
+    load_scenario,
+)
+from proxops.diagrams.surveys import begin_mission, mission
 from proxops.diagrams.surveys.mission import onward, parts_of
 from proxops.diagrams.surveys.survey_files import (
     NewMap,
@@ -33,6 +43,7 @@ AHEAD_DEG, DELTA_V, LIGHT = 0.02, 3.0, [0.3, -0.9, 0.2]
 class HandedOver:
     world: Any
     placed: Placed
+    surveyed: Any
     after: Scenario
 
 
@@ -62,7 +73,7 @@ def handed_over() -> HandedOver:
         found=SimpleNamespace(survey=SimpleNamespace(body_attitudes=believed)),
         visit=visit_scenario(visiting, flight, placed, body),
     )  # fmt: skip
-    return HandedOver(world, placed, onward(surveyed))
+    return HandedOver(world, placed, surveyed, onward(surveyed))
 
 
 def test_it_goes_on_where_the_survey_ended(handed_over: HandedOver) -> None:
@@ -113,6 +124,33 @@ def test_who_flies_a_mission() -> None:
         parts_of(load_scenario("bennu"))
     with pytest.raises(InputError, match="set spacecraft: !RigidBody"):
         parts_of(load_scenario("bennu", {"task": {"_tag": "!Mission"}}))
+
+
+def test_a_mission_may_end_with_a_transit(
+    handed_over: HandedOver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a point, too; its goal is one of the transits that are drawn about the new map."""
+    scenario = load_scenario("kleopatra_mission")
+    surveying, visiting = parts_of(scenario)
+    assert isinstance(surveying.task, SurveyConfig)
+    assert visiting == dc.replace(scenario, task=Scenario().task)
+    surveyed = SimpleNamespace(**{**vars(handed_over.surveyed), "visit": visiting})
+
+    def survey(*_: object) -> Any:
+        shutil.copytree(Path(assets.__file__).parent / "kleopatra", tmp_path, dirs_exist_ok=True)
+        (tmp_path / "kleopatra.yaml").rename(tmp_path / "body.yaml")
+        return surveyed
+
+    monkeypatch.setattr(mission, "run_survey", survey)
+    _, after = begin_mission(scenario, load_body("kleopatra"), tmp_path)
+    drawn = draw_transit(after.transit.seed, after.transit.index, after, kleopatra())
+    np.testing.assert_allclose(after.transit.goal_m, drawn.goal)
+    assert after.transit.start_m == handed_over.after.transit.start_m
+
+
+def test_phases_that_no_mission_has() -> None:
+    with pytest.raises(InputError, match=r"must be \[survey, transit\] or .*, got \['survey'\]"):
+        load_scenario("kleopatra_mission", {"task.phases": ["survey"]})
 
 
 def test_a_transit_that_would_begin_too_fast_is_refused_before_the_survey(tmp_path: Path) -> None:
