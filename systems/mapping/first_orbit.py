@@ -45,7 +45,10 @@ def densest(rays: Vectors3, longest: float) -> Values:
             kept[~near] = densest(rays[~near], longest)
         return kept
     gaps = np.linalg.norm(rays[:, None] - rays[None], axis=2)
-    best = int((gaps < 0.5 * longest).sum(axis=1).argmax())
+    neighbours = (gaps < 0.5 * longest).sum(axis=1)
+    best = int(neighbours.argmax())
+    if neighbours[best] < FEWEST:
+        return np.zeros(len(rays), dtype=bool)
     return gaps[best] < _REACH * longest
 
 

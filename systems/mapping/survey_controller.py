@@ -35,7 +35,7 @@ _LOW, _HIGH = 0.9, 1.5
 # by no more than this cosine.
 _PASS, _FLAT = 1.3, 0.985
 # It corrects what is more than this share of the speed of its orbit off, and this many deviations.
-_BAND, _SURE = 0.02, 1.0
+_BAND, _SURE, _SURE_AFAR = 0.02, 1.0, 2.5
 # It waits until it knows its velocity to this share of its orbit's speed, or as well as it can.
 _KNOWN = 0.15
 # A free orbit whose lowest point is within so many radii of the keep-out sphere is left at once.
@@ -108,7 +108,8 @@ class SurveyController(LeafSystem):
         circular = math.sqrt(float(flown.mean[GM][0]) / self.around.radius)
         if flown.unsure > max(_KNOWN * circular, self.around.surest):
             return np.zeros(3)
-        unsure = _BAND * circular + _SURE * flown.unsure
+        far = float(np.linalg.norm(flown.mean[PLACE])) > _NEAR * self.around.radius
+        unsure = _BAND * circular + (_SURE_AFAR if far else _SURE) * flown.unsure
         if np.linalg.norm(off) < unsure and not self._is_low(flown):
             return np.zeros(3)
         force = self.around.turn(time).T @ (off * self._mass / self._period)
