@@ -17,7 +17,14 @@ import numpy as np
 
 from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY, QUANTITY
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.yaml_files import TAG, is_number, is_yaml_path, read_yaml, sections_of
+from proxops.diagrams.yaml_files import (
+    TAG,
+    is_number,
+    is_yaml_path,
+    leaves,
+    read_yaml,
+    sections_of,
+)
 from proxops.systems.common import InputError
 
 Overrides = typing.Sequence[str] | typing.Mapping[str, typing.Any]
@@ -35,16 +42,7 @@ _NAMES_OR_PATHS = ("body", "dispersions", "assurance.bounds", "spacecraft.model"
 @functools.cache
 def dotted_fields() -> dict[str, dc.Field]:
     """Gives the fields of all values of a scenario by their dotted keys; a section is none."""
-    return dict(_leaves(Scenario))
-
-
-def _leaves(schema: type, prefix: str = "") -> Iterator[tuple[str, dc.Field]]:
-    """Yields the dotted keys and the fields; of several dataclasses of a section, of the first."""
-    for field in dc.fields(schema):
-        if sections := [*sections_of(field.type).values()]:
-            yield from _leaves(sections[0], f"{prefix}{field.name}.")
-        else:
-            yield prefix + field.name, field
+    return dict(leaves(Scenario))
 
 
 def default_at(key: str) -> typing.Any:

@@ -74,6 +74,8 @@ def load_scenario(
     if path is not None:
         file = _file_of(path)
         tree = read_mapping(file)
+        if "mesh" in tree:
+            raise InputError(f"{path} is a body's file: in a scenario, write body: {path}")
         make_paths_absolute(tree, file.parent)
     _change(tree, overrides)
     if on_true_state:

@@ -39,13 +39,33 @@ def load_typed(
         if not fields:
             raise InputError(f"{where}: {schema.__name__} has no keys, got {str(name)!r}")
         if name not in fields:
-            near = difflib.get_close_matches(str(name), fields, n=1, cutoff=0.0)[0]
+            near = _nearest(str(name), schema)
             raise InputError(
                 f"{where}: there is no key {name!r} in {schema.__name__}; the nearest is {near!r}"
             )
         path = f"{key}.{name}" if key else name
         setattr(made, name, _typed(value, fields[name], source, path))
     return made
+
+
+def leaves(schema: type, prefix: str = "") -> typing.Iterator[tuple[str, dc.Field]]:
+    """Yields the dotted keys and the fields of the values of a dataclass and of those in it.
+
+    Of several dataclasses that a section may be, it takes the first.
+    """
+    for field in dc.fields(typing.cast(typing.Any, schema)):
+        if sections := [*sections_of(field.type).values()]:
+            yield from leaves(sections[0], f"{prefix}{field.name}.")
+        else:
+            yield prefix + field.name, field
+
+
+def _nearest(name: str, schema: type) -> str:
+    """The dotted key whose last part is most like a name; of those alike the shortest."""
+    keys = [field.name for field in dc.fields(typing.cast(typing.Any, schema))]
+    keys += [key for key, _ in leaves(schema)]
+    by_name = {key.rpartition(".")[2]: key for key in sorted(keys, key=lambda key: -key.count("."))}
+    return by_name[difflib.get_close_matches(name, by_name, n=1, cutoff=0.0)[0]]
 
 
 def tree_of(config: typing.Any) -> dict[str, typing.Any]:

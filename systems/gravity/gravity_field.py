@@ -176,8 +176,10 @@ def as_points(points: Vectors3) -> Vectors3:
     """The points (N, 3) as float64.
 
     Raises:
-      InputError: they are not an (N, 3) array.
+      InputError: they are not an (N, 3) array of numbers.
     """
+    if np.asarray(points).dtype == object:
+        raise InputError("points must be numbers; for AutoDiffXd, use PolyhedralGravity_")
     points = np.ascontiguousarray(points, dtype=np.float64)  # The kernels are compiled for these.
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"points must have shape (N, 3), got {points.shape}")

@@ -93,6 +93,7 @@ def test_overrides(tmp_path: Path, overrides) -> None:
         ("# only a comment\n", "is empty"),
         ("- a\n- b\n", "holds a list"),
         ("x: !!python/object/apply:os.getcwd []", "is not YAML"),
+        ("mesh: rock.obj", "is a body's file: in a scenario, write body: "),
         (bytes(range(256)), "is not a text file"),
     ],
 )
@@ -144,6 +145,8 @@ def test_values_refused(overrides, complaint: str) -> None:
         ("control_period", "control_period_s"),
         ("spacecraft.mass", "mass_kg"),
         ("spacecraft.", "mass_kg|thrust_limit_n|speed_limit_m_s"),
+        ("mass_kg", "spacecraft.mass_kg"),
+        ("seed", "transit.seed"),
     ],
 )
 def test_unknown_key_gives_the_nearest(tmp_path: Path, key: str, nearest: str) -> None:

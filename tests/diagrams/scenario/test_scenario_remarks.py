@@ -29,6 +29,7 @@ def test_nothing_is_said_of_what_is_usual() -> None:
         ("truth.mass=1.1", "thrust=0.1"),
         ("truth.density_contrast=0.2", "centre_of_mass_m=500"),
         ("truth.lidar.bias_m=30", "lidar_bias_m=20"),
+        ("truth.thrusters.least_impulse_n_s=0.1", "least_impulse_n_s=0.1"),
     ],
 )
 def test_an_error_that_the_navigation_does_not_expect(change: str, expected: str) -> None:
@@ -38,6 +39,10 @@ def test_an_error_that_the_navigation_does_not_expect(change: str, expected: str
     assert change.split("=")[0] in remark
     assert said(change, f"navigation.expected.{expected}") == []
     assert said(change, "navigation=!TrueState {}") == []
+
+
+def test_a_rigid_spacecraft_owes_what_is_too_little() -> None:
+    assert said("truth.thrusters.least_impulse_n_s=0.1", "spacecraft=!RigidBody {}") == []
 
 
 def test_a_scenario_of_another_body(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from jacobi import jacobi_integral
+from pydrake.autodiffutils import AutoDiffXd
 
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems import GravityField, InputError, Polyhedron
@@ -242,5 +243,7 @@ def test_starts_may_be_given(kleopatra: GravityField) -> None:
     assert point.position == pytest.approx(1e3 * PUBLISHED[0], abs=1e3)
     with pytest.raises(InputError, match="points must have shape"):
         find_equilibria(kleopatra, PUBLISHED_SPIN, np.zeros(3))
+    with pytest.raises(InputError, match="for AutoDiffXd, use PolyhedralGravity_"):
+        kleopatra.evaluate(np.array([[AutoDiffXd(2e5), 0.0, 0.0]]))
     with pytest.raises(InputError, match="spin must be finite"):
         find_equilibria(kleopatra, np.nan)

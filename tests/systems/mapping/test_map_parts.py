@@ -116,6 +116,9 @@ def test_false_returns_are_not_of_the_body() -> None:
     chosen = densest(np.vstack([body, false]), 60.0)
     assert chosen[:30].all()
     assert not chosen[30:].any()
+    # Where no ray meets the body, some false returns are always nearest to each other.
+    assert not densest(false, 60.0).any()
+    assert not densest(np.vstack([false, body[:4]]), 60.0).any()
 
 
 @pytest.mark.parametrize("far", [4.0, 40.0])
