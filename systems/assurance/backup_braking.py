@@ -221,16 +221,20 @@ class BackupBraking:
         worst = int(needed.argmax())
         if needed[worst] < np.inf:
             return
-        outward, errors = self.outward_speed, 3.0 * self.world.velocity
+        errors = 3.0 * self.world.velocity
+        thrusting = self.outward_speed - errors
+        cure = "tighten assurance.bounds.velocity_m_s, position_m or delay_s, or "
+        cure += tightest(budget(self.bounds, self.world.thrust, self.gravity.strongest))
+        if thrusting > self.cruise_speed:
+            enough = 1.2 * thrusting / _CRUISE
+            cure = f"raise spacecraft.speed_limit_m_s to {enough:.2g} or shorten control_period_s"
         raise InputError(
             "runtime assurance: within assurance.bounds, no height above "
             f"{describe(points[worst])} of the keep-out ellipsoid is enough for a spacecraft at "
-            f"rest there. The backup has to reach {outward:.3g} m/s outwards whatever the errors: "
-            f"{outward - errors:.3g} m/s because it thrusts for a whole control period, "
+            f"rest there. The backup has to reach {self.outward_speed:.3g} m/s outwards whatever "
+            f"the errors: {thrusting:.3g} m/s because it thrusts for a whole control period, "
             f"{errors:.3g} m/s for the state's errors. It seeks {self.cruise_speed:.3g} m/s, "
-            f"{_CRUISE:g} of the speed limit: raise spacecraft.speed_limit_m_s, shorten "
-            "control_period_s, tighten assurance.bounds.velocity_m_s, position_m or delay_s, or "
-            + tightest(budget(self.bounds, self.world.thrust, self.gravity.strongest))
+            f"{_CRUISE:g} of the speed limit: {cure}"
         )
 
     def rooms(self, speed: float = 0.0) -> tuple[np.ndarray, np.ndarray]:

@@ -35,7 +35,7 @@ _LOW, _HIGH = 0.9, 1.5
 # by no more than this cosine.
 _PASS, _FLAT = 1.3, 0.985
 # It corrects what is more than this share of the speed of its orbit off, and this many deviations.
-_BAND, _SURE, _SURE_AFAR = 0.02, 1.0, 2.5
+_BAND, _SURE, _SURE_AFAR = 0.02, 1.0, 4.0
 # It waits until it knows its velocity to this share of its orbit's speed, or as well as it can.
 _KNOWN = 0.15
 # A free orbit whose lowest point is within so many radii of the keep-out sphere is left at once.

@@ -63,7 +63,9 @@ def test_runtime_assurance_keeps_out_in_all_worlds_of_after_survey(name: str) ->
 
 def test_where_thrust_of_one_period_is_too_much_the_message_says_what_to_change() -> None:
     slow = load_scenario("ryugu", ["dispersions=after_survey", "spacecraft.speed_limit_m_s=1"])
-    with pytest.raises(InputError, match=r"whole control period, .* raise spacecraft.speed_limit"):
+    with pytest.raises(
+        InputError, match=r"whole control period, .* raise spacecraft\.speed_limit_m_s to 2 "
+    ):
         make_backup(slow, load_body("ryugu"), AssuranceConfig())
 
 
