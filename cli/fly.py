@@ -171,13 +171,20 @@ def _wait_for_ctrl_c() -> None:
             time.sleep(1.0)
 
 
-def _tell_if_overconfident(summary: dict[str, Any]) -> None:
+def _tell_of_doubts(summary: dict[str, Any]) -> None:
     consistent = summary.get("navigation_consistent", 1.0)
     if consistent < _CONSISTENT:
         status.print(
             f"Note: the navigation was overconfident: within its 3 sigma in {consistent:.0%} of "
             "the steps. An error of the world is larger than it expects, or of another kind: see "
             "navigation.expected, and docs/method/truth.md."
+        )
+    assured = summary.get("assured_share", 1.0)
+    if assured < _CONSISTENT:
+        status.print(
+            f"Note: runtime assurance judged {assured:.0%} of the steps. In the others the errors "
+            "of the state were too great for it, and commands passed: raise "
+            "spacecraft.speed_limit_m_s, or shorten control_period_s."
         )
 
 
@@ -301,7 +308,7 @@ def _save(log: FlightLog, out: Path, as_json: bool) -> None:
         title = f"{log.body.config.name}, {summary['controller']}"
         print_rows(title, _first_rows(log, summary), _other_rows(log, summary))
     status.print(f"Wrote flight.nc, summary.json and replay.html in {out}")
-    _tell_if_overconfident(summary)
+    _tell_of_doubts(summary)
 
 
 def _first_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str, bool | None]]:
@@ -373,6 +380,8 @@ def _other_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]
     if "interventions" in summary:
         counts = f"{summary['interventions']}, {summary['interventions_keep_out']}"
         rows.append(("interventions of runtime assurance, all and to keep out", counts))
+    if "assured_share" in summary:
+        rows.append(("steps that runtime assurance judged", f"{summary['assured_share']:.1%}"))
     rows += [(f"steps {what}", str(count)) for what, count in fallback_steps(log.dataset).items()]
     return rows
 

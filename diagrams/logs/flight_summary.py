@@ -130,18 +130,25 @@ def _estimate_errors(data: xr.Dataset) -> dict[str, float]:
 
 
 def _interventions(data: xr.Dataset, scenario: Scenario) -> dict[str, float]:
-    """Gives the number of interventions, those for the keep-out, and the Δv of all changes."""
+    """Gives the number of interventions, those for the keep-out, and the Δv of all changes.
+
+    `assured_share` is the share of the control steps at which runtime assurance judged the command.
+    """
     if "intervention" not in data:
         return {}
     changes = data["intervention"].values[:-1]
     pushed = changes @ np.diff(data["time"].values)
     many = changes > INTERVENTION_TOLERANCE
     out = data["intervention_reason"].values[:-1] >= InterventionReason.KEEP_OUT
-    return {
+    figures = {
         "interventions": int(many.sum()),
         "interventions_keep_out": int((many & out).sum()),
         "intervention_delta_v_m_s": float(pushed / _true_mass(scenario)),
     }
+    if "touch_phase" not in data:  # In a descent it judges nothing, as it should.
+        margins = data["assurance_margin"].values[:-1]
+        figures["assured_share"] = float(np.isfinite(margins).mean())
+    return figures
 
 
 def _true_acceleration(data: xr.Dataset, scenario: Scenario) -> np.ndarray:

@@ -262,6 +262,7 @@ class Result:
     navigation_consistent: Number = _mean("navigation_consistent", "navigation, within 3 sigma (%)",
                                           "settled")
     navigation_following: Number = _mean("navigation_following", group="settled")
+    assured_share: Number = _mean("assured_share", "steps judged by runtime assurance (%)")
     policy_share: Number = _mean("policy_share", "steps flown by the policy (%)")
     policy_share_to_arrival: Number = _mean("policy_share_to_arrival")
     small_command_share: Number = _figure(

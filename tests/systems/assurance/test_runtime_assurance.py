@@ -86,6 +86,7 @@ def test_log_tells_each_intervention(held_flight: FlightLog, tmp_path) -> None:
     meanings = data["intervention_reason"].attrs["flag_meanings"].split()
     assert meanings == ["none", "thrust_limit", "speed_limit", "keep_out", "backup"]
     summary = held_flight.summary
+    assert summary["assured_share"] == 1.0
     assert summary["interventions"] == int((change > 1e-3).sum())
     assert summary["intervention_delta_v_m_s"] == pytest.approx(change.sum() * 10.0 / 100.0)
     held_flight.to_netcdf(tmp_path / "flight.nc")
