@@ -30,6 +30,8 @@ from proxops.systems.shapes.self_intersection import self_intersections
 WELD = 1e-6
 # The patch over a hole may have this share of the mesh's area.
 LARGEST_HOLE = 0.1
+# Where lobes are joined, edges shorter than this share of the median one are collapsed.
+_SHORT = 0.5
 
 
 class Size(NamedTuple):
@@ -86,7 +88,8 @@ def repair_mesh(
     5. Small holes are filled.
     6. Facets without area are removed by flipping their long edge.
     7. Shells are turned outwards, and the walls of voids inwards.
-    8. Shells that overlap, such as the lobes of a contact binary, are joined.
+    8. Shells that overlap, such as the lobes of a contact binary, are joined. Short edges where
+       they meet are collapsed, for an error of the surface would fold the slivers there.
     9. Unused vertices are dropped.
     10. The centre of mass is moved to the origin. With `align`, the axes of least and greatest
         moment of inertia are turned onto x and z. With `flip`, the body is turned half a turn about
@@ -113,6 +116,8 @@ def repair_mesh(
     cuts = _cuts(mesh)
     if len(cuts) and _join_shells(mesh, cuts):
         cuts = _cuts(mesh)
+        _collapse_short_edges(mesh)
+        _drop_vertices(mesh)
     if len(cuts):
         raise InputError(
             f"the mesh cannot be mended: {len(cuts)} pairs of facets cut each other, the first "
@@ -378,6 +383,32 @@ def united(solids: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray,
         [manifold3d.Manifold(part) for part in parts], manifold3d.OpType.Add
     ).to_mesh64()
     return np.array(joined.vert_properties[:, :3]), np.array(joined.tri_verts, dtype=np.int64)
+
+
+def _collapse_short_edges(mesh: Repair) -> None:
+    """Makes one vertex of the ends of each short edge, unless facets would cut each other then."""
+    vertices, facets, count = mesh.vertices.copy(), mesh.facets, 0
+    sides = np.linalg.norm(vertices[facets] - vertices[np.roll(facets, 1, axis=1)], axis=2)
+    limit, collapsed = _SHORT * float(np.median(sides)), True
+    while collapsed:
+        edges = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        edges = np.unique(edges, axis=0)
+        lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+        order, stays = np.argsort(lengths), np.arange(len(vertices))
+        touched, collapsed = np.zeros(len(vertices), dtype=bool), False
+        for a, b in edges[order[: np.count_nonzero(lengths < limit)]]:
+            stars = [np.unique(facets[(facets == end).any(axis=1)]) for end in (a, b)]
+            # Both ends and the two facets' other corners are common, or the surface would pinch.
+            if len(np.intersect1d(*stars)) != 4 or touched[np.union1d(*stars)].any():
+                continue
+            touched[np.union1d(*stars)] = collapsed = True
+            vertices[a], stays[b] = 0.5 * (vertices[a] + vertices[b]), a
+            count += 1
+        facets = stays[facets]
+        facets = facets[(facets != np.roll(facets, 1, axis=1)).all(axis=1)]
+    if count and not len(self_intersections(vertices, facets)):
+        mesh.vertices, mesh.facets = vertices, facets
+        mesh.actions.append(f"collapsed {count} short edges where they meet")
 
 
 def _drop_vertices(mesh: Repair) -> None:
