@@ -56,6 +56,7 @@ from proxops.diagrams.scenario.tasks import (
 )
 from proxops.diagrams.scenario.touchable import (
     arm_solids,
+    check_arm,
     place_of,
     site_world,
     touch_arm,
@@ -134,6 +135,7 @@ __all__ = [
     "arm_solids",
     "believed",
     "change_scenario",
+    "check_arm",
     "check_constants",
     "check_flyable",
     "check_scenario",
