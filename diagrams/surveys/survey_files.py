@@ -266,6 +266,12 @@ def write_survey(
     write_whole(folder / "truth.obj", lambda path: path.write_bytes(content))
     errors = surface_errors(made.shape, true, uncertainty)
     figures = survey_figures(errors, true, flight, uncertainty, visit.truth, found) | times
+    figures |= {
+        "mass_kg": body.config.mass_kg,
+        "rotation_period_h": body.config.rotation_period_h,
+        "length_m": float(made.shape.extents.max()),
+        "length_error": float(made.shape.extents.max() / true.extents.max()) - 1.0,
+    }
     write_json(folder / "survey.json", figures)
     return Surveyed(figures, flight, found, uncertainty, made, placed, visit, *errors[:2])
 
