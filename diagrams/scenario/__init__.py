@@ -29,6 +29,7 @@ from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
     change_scenario,
+    dump_changes,
     dump_scenario,
     load_scenario,
     parse_scenario,
@@ -149,6 +150,7 @@ __all__ = [
     "dotted_leaves",
     "draw_transit",
     "draw_world",
+    "dump_changes",
     "dump_scenario",
     "expected_of",
     "facets_of",

@@ -98,6 +98,11 @@ def dump_scenario(scenario: Scenario) -> str:
     return dump_typed(scenario)
 
 
+def dump_changes(scenario: Scenario) -> str:
+    """Gives what differs from the defaults as YAML, for people; see `dump_scenario`."""
+    return dump_typed(scenario, Scenario())
+
+
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     """Reads the scenario in a YAML text, such as logs, manifests and campaigns hold.
 

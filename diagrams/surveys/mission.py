@@ -22,7 +22,7 @@ from proxops.diagrams.scenario import (
     TouchAndGoConfig,
     check_arm,
     draw_transit,
-    dump_scenario,
+    dump_changes,
     load_body,
     load_scenario,
 )
@@ -86,7 +86,7 @@ def begin_mission(
         transit = after.transit
         drawn = draw_transit(transit.seed, transit.index, after, load_body(folder / "body.yaml"))
         transit.goal_m = drawn.goal.tolist()
-    write_text(path, f"# After the survey: to a place on its map.\n{dump_scenario(after)}")
+    write_text(path, f"# After the survey: to a place on its map.\n{dump_changes(after)}")
     return surveyed, load_scenario(path)
 
 

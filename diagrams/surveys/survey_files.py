@@ -18,7 +18,7 @@ from proxops.diagrams.scenario import (
     TruthConfig,
     World,
     dispersion_entries,
-    dump_scenario,
+    dump_changes,
     expected_of,
 )  # fmt: skip
 from proxops.diagrams.surveys.survey_flight import SurveyFlight
@@ -261,7 +261,7 @@ def write_survey(
         relief_correlation_m=uncertainty.correlation,
     )
     visit.navigation = LidarNavigationConfig(map="map.obj", map_unit="km", expected=told)
-    write_text(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_scenario(visit)}")
+    write_text(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_changes(visit)}")
     content = mesh_bytes(true.vertices / _KM, true.facets, ".obj", "the truth of visit.yaml, km")
     write_whole(folder / "truth.obj", lambda path: path.write_bytes(content))
     errors = surface_errors(made.shape, true, uncertainty)
