@@ -191,7 +191,7 @@ def _way_home(scenario: Scenario, body: Body, task: TouchAndGoConfig) -> Transit
         clearance = float(clearances(body.keep_out_semi_axes, home[None])[0])
         lacking = scenario.mpc.keep_out_margin_m - clearance
         if lacking > 0.0:
-            lower = f"mpc.keep_out_margin_m below {clearance:.3g}, " if clearance > 0.0 else ""
+            lower = f"mpc.keep_out_margin_m below {clearance:.3g}, or " if clearance > 0.0 else ""
             raise InputError(
                 f"home, {task.descent.home_m:g} m above the place, is {lacking:.3g} m too near for "
                 f"a transit, which keeps mpc.keep_out_margin_m, {scenario.mpc.keep_out_margin_m:g} "
