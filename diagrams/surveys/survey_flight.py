@@ -84,6 +84,11 @@ def around_of(scenario: Scenario, body: Body) -> Around:
         raise InputError("a survey flies a point: set spacecraft: !PointMass {}")
     if not body.spin.about_z:
         raise InputError(f"{body.config.name} tumbles, and a body that tumbles is not surveyed")
+    if body.moons:
+        raise InputError(
+            f"{body.config.name} has a moon, and a body with moons is not surveyed: the lidar's "
+            "returns do not tell them apart"
+        )
     axes = known_ellipsoid(scenario, body)
     gm = body.gravity_field.mass * GRAVITATIONAL_CONSTANT
     errors = survey_errors(scenario, body)

@@ -65,9 +65,12 @@ def test_a_map_of_half_a_body_is_refused() -> None:
         survey_run.check_seen(0.51, 20.0)
 
 
-def test_a_body_that_tumbles_is_refused() -> None:
-    with pytest.raises(InputError, match="Toutatis tumbles"):
-        around_of(survey(), load_body("toutatis"))
+@pytest.mark.parametrize(
+    ("name", "words"), [("toutatis", "Toutatis tumbles"), ("didymos", "Didymos has a moon")]
+)
+def test_a_body_that_tumbles_or_has_a_moon_is_refused(name: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        around_of(survey(), load_body(name))
 
 
 def test_an_orbit_far_out_is_begun_from_beyond_it() -> None:
