@@ -213,6 +213,8 @@ class _Process:
 def _serve(connection: Connection) -> None:
     """Does pieces of work until the process at the other end closes the connection, or ends."""
     gc.freeze()  # Nothing that was imported is garbage; to look for it in each flight takes time.
+    # Who draws the flights is told it, before any is given to a worker.
+    warnings.filterwarnings("ignore", ".* may exceed assurance.bounds")
     with contextlib.suppress(EOFError, OSError):
         while True:
             message = connection.recv_bytes()

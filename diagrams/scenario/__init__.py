@@ -29,6 +29,7 @@ from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.remarks import scenario_remarks
 from proxops.diagrams.scenario.scenario import (
     change_scenario,
+    dump_changes,
     dump_scenario,
     load_scenario,
     parse_scenario,
@@ -56,6 +57,7 @@ from proxops.diagrams.scenario.tasks import (
 )
 from proxops.diagrams.scenario.touchable import (
     arm_solids,
+    check_arm,
     place_of,
     site_world,
     touch_arm,
@@ -134,6 +136,7 @@ __all__ = [
     "arm_solids",
     "believed",
     "change_scenario",
+    "check_arm",
     "check_constants",
     "check_flyable",
     "check_scenario",
@@ -147,6 +150,7 @@ __all__ = [
     "dotted_leaves",
     "draw_transit",
     "draw_world",
+    "dump_changes",
     "dump_scenario",
     "expected_of",
     "facets_of",

@@ -155,7 +155,8 @@ def _warn_of_exceeded(bounds: AssuranceBounds, dispersions: Dispersions) -> None
         for field in dc.fields(bounds):
             most, bound = getattr(declared, field.name), getattr(bounds, field.name)
             if most > bound * (1.0 + 1e-9):
-                beyond.append(f"{field.name} {bound:.3g} (up to {most:.3g})")
+                told = f"declared up to {most:.3g}, assurance.bounds say {bound:.3g}"
+                beyond.append(f"{field.name}: {told}")
     if beyond:
         own = _own_values(dispersions)
         sources = [dispersions.scenario.dispersions, "the scenario" if own else None]

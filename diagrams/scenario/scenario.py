@@ -19,6 +19,7 @@ from proxops.diagrams.scenario.quantities import QUANTITY
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.diagrams.yaml_files import (
+    TAG,
     dump_typed,
     file_of,
     load_typed,
@@ -27,6 +28,8 @@ from proxops.diagrams.yaml_files import (
     tree_of,
 )
 from proxops.systems.common import InputError
+
+_SPEED = "speed_limit_m_s"
 
 
 def shipped_scenarios() -> dict[str, Path]:
@@ -97,6 +100,11 @@ def dump_scenario(scenario: Scenario) -> str:
     return dump_typed(scenario)
 
 
+def dump_changes(scenario: Scenario) -> str:
+    """Gives what differs from the defaults as YAML, for people; see `dump_scenario`."""
+    return dump_typed(scenario, Scenario())
+
+
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     """Reads the scenario in a YAML text, such as logs, manifests and campaigns hold.
 
@@ -152,6 +160,13 @@ def _check_not_drawn(scenario: Scenario, changes: Overrides) -> None:
 
 def _change(tree: dict[str, typing.Any], changes: Overrides) -> None:
     """Changes values in nested dicts, in place; what the caller gave is not changed."""
-    given = copy.deepcopy(overrides_of(changes))
+    given = dict(copy.deepcopy(overrides_of(changes)))
+    before, craft = tree.get("spacecraft"), given.get("spacecraft")
+    if isinstance(before, dict) and _SPEED in before:
+        if isinstance(craft, str):  # A tag alone.
+            craft = {TAG: f"!{craft}"}
+        if isinstance(craft, dict):
+            # The limit fits the body, not the spacecraft: another one keeps it.
+            given["spacecraft"] = {_SPEED: before[_SPEED]} | craft
     apply_overrides(tree, given)
     make_paths_absolute(tree, Path(), given)

@@ -42,7 +42,8 @@ class SurveyConfig:
     semi_axes_m: list[float] | None = None
     # Radius of the orbit; null: from ellipsoid, mass and spin.
     radius_m: float | None = number(None, at_least=1e-3, at_most=FAR, unit="m")
-    # Greatest range of the lidar while it surveys; null: sixteen times the longest semi-axis.
+    # Greatest range of the lidar while it surveys; null: sixteen times the longest semi-axis, or
+    # four times the radius of the orbit where that is more.
     reach_m: float | None = number(None, at_least=1e-3, at_most=FAR, unit="m")
     # Time from one frame to the next, and from one command to the next.
     period_s: float = number(20.0, at_least=1e-2, at_most=3600.0, unit="s")

@@ -12,7 +12,11 @@ from pydrake.math import RigidTransform
 
 from proxops.diagrams.scenario.body import Body, apparent_gravity
 from proxops.diagrams.scenario.scenario_config import Scenario
-from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, SpacecraftModel
+from proxops.diagrams.scenario.spacecraft_model import (
+    RigidBodyConfig,
+    SpacecraftModel,
+    load_spacecraft,
+)
 from proxops.diagrams.scenario.spacecraft_solids import CORNERS, Solid, solids_of
 from proxops.diagrams.scenario.tasks import TouchAndGoConfig
 from proxops.systems.attitude import AttitudeGuidanceConfig
@@ -26,6 +30,7 @@ from proxops.systems.touch import (
     SiteWorld,
     TouchCraft,
     best_sites,
+    inertia_without_head,
     map_sites,
     measured_sites,
     nearest_site,
@@ -118,12 +123,14 @@ def with_site(scenario: Scenario, body: Body) -> Scenario:
     A site that is a position already stays as it is, so that a flight can be repeated bit for bit.
 
     Raises:
-      InputError: the spacecraft is a point; or no place, or not this one, can be touched.
+      InputError: the spacecraft is a point, or too light for its arm; or no place, or not this one,
+        can be touched.
     """
     task, craft = scenario.task, scenario.spacecraft
     assert isinstance(task, TouchAndGoConfig)
     if not isinstance(craft, RigidBodyConfig):
         raise InputError("a touch-and-go needs a spacecraft of some size: spacecraft: !RigidBody")
+    check_arm(craft, task)
     if task.site is None:
         sites, use = touch_map(scenario, body, task.limits)
         best = int(best_sites(sites, use, 1, 1.0)[0])
@@ -168,6 +175,13 @@ def touch_arm(task: TouchAndGoConfig) -> Arm:
     """The arm of a touch-and-go."""
     down = np.array(_DOWN)
     return Arm((task.arm_m - Arm._field_defaults["head_radius"]) * down, down)
+
+
+def check_arm(craft: RigidBodyConfig, task: TouchAndGoConfig) -> None:
+    """Raises `InputError` if a spacecraft, as believed, is too light for the head of its arm."""
+    model = load_spacecraft(craft.model)
+    inertia = craft.mass * model.bus_inertia  # As of the contact plant.
+    inertia_without_head(touch_craft(model, touch_arm(task))._replace(inertia=inertia))
 
 
 def arm_solids(task: TouchAndGoConfig) -> list[Solid]:

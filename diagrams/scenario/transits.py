@@ -191,10 +191,12 @@ def _way_home(scenario: Scenario, body: Body, task: TouchAndGoConfig) -> Transit
         clearance = float(clearances(body.keep_out_semi_axes, home[None])[0])
         lacking = scenario.mpc.keep_out_margin_m - clearance
         if lacking > 0.0:
+            lower = f"mpc.keep_out_margin_m below {clearance:.3g}, or " if clearance > 0.0 else ""
             raise InputError(
                 f"home, {task.descent.home_m:g} m above the place, is {lacking:.3g} m too near for "
-                "a transit, which keeps mpc.keep_out_margin_m away from the keep-out ellipsoid: "
-                "set task.descent.home_m higher, or choose another task.site"
+                f"a transit, which keeps mpc.keep_out_margin_m, {scenario.mpc.keep_out_margin_m:g} "
+                f"m, away from the keep-out ellipsoid: set {lower}task.descent.home_m (of a "
+                "mission, task.touch.descent.home_m) higher, or choose another task.site"
             )
     return Transit(rules.seed, rules.index, start, home, velocity)
 

@@ -17,10 +17,12 @@ from proxops.diagrams.scenario import (
     Body,
     MissionConfig,
     PointMassConfig,
+    RigidBodyConfig,
     Scenario,
     TouchAndGoConfig,
+    check_arm,
     draw_transit,
-    dump_scenario,
+    dump_changes,
     load_body,
     load_scenario,
 )
@@ -77,13 +79,14 @@ def begin_mission(
     """
     surveying, visiting = parts_of(scenario)
     _check_speed(surveying, body)
+    _check_touch(visiting)
     surveyed = run_survey(surveying, body, folder, progress, visiting)
     after, path = onward(surveyed), folder / "flight.yaml"
     if not isinstance(after.task, TouchAndGoConfig):
         transit = after.transit
         drawn = draw_transit(transit.seed, transit.index, after, load_body(folder / "body.yaml"))
         transit.goal_m = drawn.goal.tolist()
-    write_text(path, f"# After the survey: to a place on its map.\n{dump_scenario(after)}")
+    write_text(path, f"# After the survey: to a place on its map.\n{dump_changes(after)}")
     return surveyed, load_scenario(path)
 
 
@@ -116,6 +119,21 @@ def _check_speed(surveying: Scenario, body: Body) -> None:
         raise InputError(
             f"after its survey the spacecraft may move by {fastest:.3g} m/s over the ground that "
             f"turns below it, and spacecraft.speed_limit_m_s is {limit:g}: set it higher"
+        )
+
+
+def _check_touch(visiting: Scenario) -> None:
+    """Refuses a touch that no map permits."""
+    task, craft, margin = visiting.task, visiting.spacecraft, visiting.mpc.keep_out_margin_m
+    if not isinstance(task, TouchAndGoConfig):
+        return
+    assert isinstance(craft, RigidBodyConfig)
+    check_arm(craft, task)
+    # The place is within the keep-out ellipsoid.
+    if margin > task.arm_m + task.descent.home_m:
+        raise InputError(
+            f"mpc.keep_out_margin_m, {margin:g} m, keeps the transit from home, "
+            f"{task.descent.home_m:g} m above the place (task.touch.descent.home_m): set it lower"
         )
 
 

@@ -18,7 +18,7 @@ from proxops.diagrams.scenario import (
     TruthConfig,
     World,
     dispersion_entries,
-    dump_scenario,
+    dump_changes,
     expected_of,
 )  # fmt: skip
 from proxops.diagrams.surveys.survey_flight import SurveyFlight
@@ -261,11 +261,17 @@ def write_survey(
         relief_correlation_m=uncertainty.correlation,
     )
     visit.navigation = LidarNavigationConfig(map="map.obj", map_unit="km", expected=told)
-    write_text(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_scenario(visit)}")
+    write_text(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_changes(visit)}")
     content = mesh_bytes(true.vertices / _KM, true.facets, ".obj", "the truth of visit.yaml, km")
     write_whole(folder / "truth.obj", lambda path: path.write_bytes(content))
     errors = surface_errors(made.shape, true, uncertainty)
     figures = survey_figures(errors, true, flight, uncertainty, visit.truth, found) | times
+    figures |= {
+        "mass_kg": body.config.mass_kg,
+        "rotation_period_h": body.config.rotation_period_h,
+        "length_m": float(made.shape.extents.max()),
+        "length_error": float(made.shape.extents.max() / true.extents.max()) - 1.0,
+    }
     write_json(folder / "survey.json", figures)
     return Surveyed(figures, flight, found, uncertainty, made, placed, visit, *errors[:2])
 

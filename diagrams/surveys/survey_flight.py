@@ -32,10 +32,12 @@ _LONGEST, _SYNCHRONOUS = 2.4, 1.7
 _TURNED = 3.0
 # The ellipsoid is known to this share of each axis, at one standard deviation.
 _ELLIPSOID = 0.1 / 3.0
-# A survey starts at so many sizes, on its way to a lowest point of so many radii of its orbit.
+# A survey starts at so many sizes, on its way to a lowest point of so many radii of its orbit. For
+# an orbit of more than four semi-axes, half its radius is the size: so the lowest point is never
+# beyond the start.
 _FROM, _PASSES = (4.0, 6.0), (0.5, 2.0)
-# How far the lidar reaches in a survey, over the longest semi-axis.
-_REACH = 16.0
+# How far the lidar reaches in a survey, in sizes.
+_REACH = 8.0
 
 
 class SurveyFlight(NamedTuple):
@@ -80,6 +82,13 @@ def around_of(scenario: Scenario, body: Body) -> Around:
         raise InputError("the scenario's task is no survey: set task: !Survey {}")
     if scenario.is_rigid:
         raise InputError("a survey flies a point: set spacecraft: !PointMass {}")
+    if not body.spin.about_z:
+        raise InputError(f"{body.config.name} tumbles, and a body that tumbles is not surveyed")
+    if body.moons:
+        raise InputError(
+            f"{body.config.name} has a moon, and a body with moons is not surveyed: the lidar's "
+            "returns do not tell them apart"
+        )
     axes = known_ellipsoid(scenario, body)
     gm = body.gravity_field.mass * GRAVITATIONAL_CONSTANT
     errors = survey_errors(scenario, body)
@@ -91,7 +100,7 @@ def around_of(scenario: Scenario, body: Body) -> Around:
             f"task.radius_m: an orbit of {radius:.3g} m is not outside of any body that the "
             f"ellipsoid permits, of {longest:.3g} m"
         )
-    start, reach = _FROM[1] * 2.0 * float(axes.max()), scenario.task.reach_m
+    start, reach = _FROM[1] * _size(axes, radius), scenario.task.reach_m
     if reach is not None and reach < start:
         raise InputError(
             f"task.reach_m: the lidar never sees the body: it reaches {reach:.4g} m, and the "
@@ -109,18 +118,23 @@ def around_of(scenario: Scenario, body: Body) -> Around:
     )  # fmt: skip
 
 
+def _size(semi_axes: Vector3, radius: float) -> float:
+    """The length in m by which a survey's start is far away: see `_FROM`."""
+    return max(2.0 * float(semi_axes.max()), 0.5 * radius)
+
+
 def survey_world(scenario: Scenario, body: Body) -> World:
     """The world of a survey, whose transit begins far away."""
     around, drawn = around_of(scenario, body), draw_world(scenario, body)
     # The gentle limits are of no use where K turns beneath: the controller has its own.
     assert isinstance(drawn.task, SurveyConfig)
     craft = dc.replace(drawn.spacecraft, speed_limit_m_s=1e5)
-    reach = drawn.task.reach_m or _REACH * float(around.semi_axes.max())
+    size = _size(around.semi_axes, around.radius)
+    reach = drawn.task.reach_m or _REACH * size
     lidar = dc.replace(drawn.lidar, max_range_m=reach)
     period = drawn.task.period_s
     drawn = dc.replace(drawn, spacecraft=craft, lidar=lidar, control_period_s=period)
     random = generator(scenario.transit.seed, scenario.transit.index, 2)
-    size = 2.0 * float(around.semi_axes.max())
     start = random.standard_normal(3)
     start *= size * random.uniform(*_FROM) / np.linalg.norm(start)
     distance, up = float(np.linalg.norm(start)), start / np.linalg.norm(start)

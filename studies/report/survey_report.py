@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -32,11 +33,18 @@ def write_survey_report(
             "What is compared with the truth is for the reader: nobody on board has it. The map is "
             "compared after one rigid motion, at points all over its surface."
         ),
+        Table(("", "found", "error", "1 sigma"), _found(figures)),
         Table(("", "value"), rows),
     ]
+    world = surveyed.flight.world
+    if world.scenario.dispersed:
+        ratio = world.true_body.gravity_field.mass / world.body.gravity_field.mass
+        name = world.body.config.name
+        told = f"The world was drawn: its true mass is {ratio:.3g} times that of {name}."
+        blocks.insert(0, Text(told))
     shape = surveyed.made.shape
     coverage = plot_over_surface(
-        shape.vertices, np.log10(np.maximum(sure.counts, 0.3)), "returns, as log10"
+        shape.vertices, np.log10(np.maximum(sure.counts, 1.0)), "returns, as log10"
     )
     size = float(shape.extents.max())
     said = plot_over_surface(
@@ -69,6 +77,29 @@ def write_survey_report(
         ),
     ]
     write_report(out, title, sections)
+
+
+def _found(figures: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+    """What the survey found, how far it is from the truth, and how far it may be as it says."""
+
+    def share(name: str) -> str:
+        return f"{figures[name]:.2%}"
+
+    period, error = figures["rotation_period_h"], figures["rate_error"]
+    length, shares = figures["length_m"], ("map_rms_of_size", "deviation_of_size")
+    rms, said = (f"{figures[name] * length:.3g} m, rms" for name in shares)
+    return [
+        (
+            "mass", f"{figures['mass_kg']:.5g} kg",
+            share("gravity_error"), share("gravity_deviation"),
+        ),
+        (
+            "rotation period", f"{period:.7g} h",
+            f"{-error / (1.0 + error):.1e}", f"{figures['rate_deviation']:.1e}",
+        ),
+        ("greatest length", f"{length:.5g} m", share("length_error"), ""),
+        ("surface", "map.obj", rms, said),
+    ]  # fmt: skip
 
 
 def plot_over_surface(vertices: Vectors3, values: Values, label: str) -> Figure:

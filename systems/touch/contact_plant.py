@@ -117,6 +117,27 @@ class Ground:
     dissipation_s_m: float = number(1.0, at_least=0.0, at_most=1e3, unit="s/m")
 
 
+def inertia_without_head(craft: TouchCraft) -> Matrix3:
+    """The inertia (3, 3) in kg m^2 in S of a spacecraft without its arm's head.
+
+    Raises:
+      InputError: there is none left, or one that no body has.
+    """
+    arm = craft.arm
+    place = np.array(arm.place, dtype=float)
+    ball = UnitInertia.SolidSphere(arm.head_radius)
+    own = arm.head_mass * (
+        ball.CopyToFullMatrix3() + (place @ place) * np.eye(3) - np.outer(place, place)
+    )
+    try:
+        return check_inertia("the bus without its head", np.asarray(craft.inertia) - own)
+    except InputError as error:
+        raise InputError(
+            f"set task.arm_m lower: a head of {arm.head_mass:g} kg at "
+            f"{np.linalg.norm(place):.3g} m has more inertia than the spacecraft ({error})"
+        ) from error
+
+
 def patch_of(shape: Surface, position: Vector3, radius: float) -> Surface:
     """The facets of a surface that come within a radius in m of a position (3,) in m."""
     away = np.linalg.norm(nearest_points(shape, position) - position, axis=1)
@@ -247,13 +268,9 @@ def _add_craft(
     plant: MultibodyPlant, craft: TouchCraft, ground: Ground
 ) -> tuple[RigidBody, RigidBody]:
     """Adds bus and head; the bus has what of mass and inertia the head has not."""
-    arm = craft.arm
+    arm, rest = craft.arm, inertia_without_head(craft)
     place = np.array(arm.place, dtype=float)
     ball = UnitInertia.SolidSphere(arm.head_radius)
-    own = arm.head_mass * (
-        ball.CopyToFullMatrix3() + (place @ place) * np.eye(3) - np.outer(place, place)
-    )
-    rest = check_inertia("the bus without its head", np.asarray(craft.inertia) - own)
     mass = craft.mass - arm.head_mass
     unit = UnitInertia(
         RotationalInertia(rest[0, 0], rest[1, 1], rest[2, 2], rest[0, 1], rest[0, 2], rest[1, 2])

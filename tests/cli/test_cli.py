@@ -208,7 +208,7 @@ def test_a_warning_is_a_line(run, tmp_path: Path) -> None:
     line = warnings.formatwarning(caught[0].message, UserWarning, "code.py", 1)
     assert line.startswith("proxops: warning: the scenario may exceed")
     assert line.count("\n") == 1
-    assert line.endswith("gravity 0 (up to 0.01)\n")
+    assert line.endswith("gravity: declared up to 0.01, assurance.bounds say 0\n")
 
 
 # --- what is refused ------------------------------------------------------------------------------

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 from commands import proxops
 
-from proxops.diagrams.scenario import Scenario, SurveyConfig, load_body, load_scenario
+from proxops.diagrams.scenario import (
+    Scenario,
+    SurveyConfig,
+    change_scenario,
+    load_body,
+    load_scenario,
+)
 from proxops.diagrams.surveys import run_survey, survey_run
 from proxops.diagrams.surveys.survey_files import NewMap, true_in, visit_scenario
 from proxops.diagrams.surveys.survey_flight import Flying, around_of, survey_world
@@ -57,6 +63,44 @@ def test_a_map_of_half_a_body_is_refused() -> None:
         InputError, match=r"saw 51% of the surface in 20 h in orbit: set task\.hours"
     ):
         survey_run.check_seen(0.51, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("toutatis", "Toutatis tumbles"), ("didymos", "Didymos has a moon")]
+)
+def test_a_body_that_tumbles_or_has_a_moon_is_refused(name: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        around_of(survey(), load_body(name))
+
+
+def test_an_orbit_far_out_is_begun_from_beyond_it() -> None:
+    """Falling freely past the body to a lowest point that is nearer than the start."""
+    body = load_body("kleopatra")
+    for seed in range(20):
+        scenario = survey(radius_m=2000e3)
+        scenario.transit.seed = seed
+        world = survey_world(scenario, body)
+        start = np.linalg.norm(world.transit.start)
+        assert 4000e3 <= start <= 6000e3
+        assert world.scenario.lidar.max_range_m > start
+
+
+def test_a_flight_is_known_again_by_what_it_read(tmp_path: Path) -> None:
+    """Mended settings of what flies after the survey do not fly the survey again."""
+    path, body, scenario = tmp_path / "survey.npz", load_body("kleopatra"), survey()
+    none = Returns(**dict.fromkeys(Returns._fields, np.zeros(1)))
+    figures = dict.fromkeys(survey_run._FIGURES, 0.0)
+    flight: Any = SimpleNamespace(returns=none, end=np.zeros(6), **figures)
+    survey_run._keep(path, flight, scenario)
+    for key, value, known in (
+        ("mpc.keep_out_margin_m", 5.0, True),
+        ("navigation", {"_tag": "!TrueState"}, True),
+        ("lidar.noise_std_m", 5.0, False),
+        ("task.hours", 5.0, False),
+        ("transit.seed", 5, False),
+    ):
+        changed = change_scenario(scenario, {key: value})
+        assert (survey_run._kept(path, changed, body) is not None) == known, key
 
 
 def test_a_flight_goes_on_and_ends_when_it_must() -> None:

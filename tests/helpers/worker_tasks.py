@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+import warnings
 
 from proxops.diagrams.flight import Flight
 
@@ -17,3 +18,9 @@ def kills_its_process(piece: Flight) -> str:
     if piece.scenario.transit.index == 0:
         os.kill(os.getpid(), signal.SIGKILL)
     return piece.controller
+
+
+def exceeds_bounds(flight: Flight) -> None:
+    """Warns as the draw of a flight does whose bounds are exceeded, and of something else."""
+    warnings.warn("the scenario may exceed assurance.bounds, so there", stacklevel=1)
+    warnings.warn("something else", stacklevel=1)

@@ -19,7 +19,7 @@ from typing import Any
 import psutil
 import pytest
 from short_flights import BRIEF, short_scenario
-from worker_tasks import kills_its_process, process_of
+from worker_tasks import exceeds_bounds, kills_its_process, process_of
 
 from proxops.assets import ASSETS
 from proxops.diagrams.flight import Workers, campaign
@@ -277,6 +277,16 @@ def test_a_piece_that_ends_its_processes_is_named() -> None:
         done.extend(name for name, _ in results)
     assert sorted(done) == [flight.name for flight in made[1:]]
     assert not [child for child in psutil.Process().children() if "spawn_main" in command_of(child)]
+
+
+@pytest.mark.slow
+def test_workers_do_not_repeat_what_the_draw_of_their_flights_told(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    list(Workers(2).results(flights(2), exceeds_bounds))
+    told = capfd.readouterr().err
+    assert "something else" in told
+    assert "assurance.bounds" not in told
 
 
 def command_of(process: psutil.Process) -> str:

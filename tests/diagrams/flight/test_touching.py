@@ -59,6 +59,11 @@ def low(**changes: object) -> Scenario:
         ({}, "policy", "'policy' flies transits"),
         ({"task.descent.home_m": 5.0}, "mpc", "must fall"),
         ({"task.transit": True}, "mpc", r"home, 9 m .* too near for a transit"),
+        (
+            {"task.transit": True, "task.descent.home_m": 125.0},
+            "mpc",
+            r"keep_out_margin_m, 3000 m, .*: set mpc\.keep_out_margin_m below 77.*, or task\.desc",
+        ),
     ],
 )
 def test_refused(changes: dict, controller: str, message: str) -> None:

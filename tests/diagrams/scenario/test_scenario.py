@@ -255,3 +255,19 @@ def test_a_misspelt_attribute_is_refused_in_python_too() -> None:
 
 def vars_of(section: Scenario) -> list[object]:
     return [getattr(section, field.name) for field in dc.fields(section)]
+
+
+@pytest.mark.parametrize(
+    ("craft", "limit"),
+    [
+        ("RigidBody", 0.5),
+        ("!RigidBody {model: osiris_rex}", 0.5),
+        ("!RigidBody {speed_limit_m_s: 2.0}", 2.0),
+    ],
+)
+def test_another_spacecraft_keeps_the_speed_limit(craft: str, limit: float) -> None:
+    """It is in proportion to the body."""
+    changes = [f"spacecraft={craft}"]
+    for made in (load_scenario("bennu", changes), change_scenario(load_scenario("bennu"), changes)):
+        assert made.is_rigid
+        assert made.spacecraft.speed_limit_m_s == limit

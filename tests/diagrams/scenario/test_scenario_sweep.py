@@ -13,7 +13,12 @@ from short_flights import kleopatra
 
 from proxops.diagrams.flight.simulation import fly
 from proxops.diagrams.scenario.body import BodyConfig, load_body
-from proxops.diagrams.scenario.scenario import dump_scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario.scenario import (
+    dump_changes,
+    dump_scenario,
+    load_scenario,
+    parse_scenario,
+)
 from proxops.diagrams.scenario.scenario_config import Scenario
 from proxops.systems.common import InputError, limits_of
 from proxops.systems.lidar import LearnedLidarConfig
@@ -67,7 +72,8 @@ def loaded(changes: dict[str, typing.Any]) -> Scenario | None:
 def is_read(changes: dict[str, typing.Any]) -> bool:
     """Whether it is not refused. It is written and read again as it is."""
     scenario = loaded(changes)
-    assert scenario is None or parse_scenario(dump_scenario(scenario)) == scenario
+    for dump in (dump_scenario, dump_changes):
+        assert scenario is None or parse_scenario(dump(scenario)) == scenario
     return scenario is not None
 
 

@@ -153,8 +153,18 @@ def test_phases_that_no_mission_has() -> None:
         load_scenario("kleopatra_mission", {"task.phases": ["survey"]})
 
 
-def test_a_transit_that_would_begin_too_fast_is_refused_before_the_survey(tmp_path: Path) -> None:
-    scenario = load_scenario("bennu_mission", {"spacecraft.speed_limit_m_s": 0.2})
-    with pytest.raises(InputError, match=r"speed_limit_m_s is 0\.2: set it higher"):
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("spacecraft.speed_limit_m_s", 0.2, r"speed_limit_m_s is 0\.2: set it higher"),
+        ("mpc.keep_out_margin_m", 129.0, r"mpc\.keep_out_margin_m, 129 m, .*: set it lower"),
+        ("spacecraft.mass", 0.01, r"set task\.arm_m lower: a head of 15 kg at 2\.84 m"),
+    ],
+)
+def test_what_cannot_follow_is_refused_before_the_survey(
+    key: str, value: float, words: str, tmp_path: Path
+) -> None:
+    scenario = load_scenario("bennu_mission", {key: value})
+    with pytest.raises(InputError, match=words):
         begin_mission(scenario, load_body("bennu"), tmp_path)
     assert not list(tmp_path.iterdir())

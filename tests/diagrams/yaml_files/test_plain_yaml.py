@@ -7,7 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.common.yaml import yaml_dump_typed, yaml_load
 
-from proxops.diagrams.scenario import Scenario, dump_scenario, load_scenario, parse_scenario
+from proxops.diagrams.scenario import (
+    Scenario,
+    dump_changes,
+    dump_scenario,
+    load_scenario,
+    parse_scenario,
+)
 from proxops.diagrams.yaml_files.plain_yaml import read_yaml, write_yaml
 from proxops.systems.common import InputError
 
@@ -92,6 +98,9 @@ def test_a_scenario_is_read_as_it_was_written(name: str) -> None:
     scenario = load_scenario(None, changes)
     scenario.policy.bundle = name
     assert parse_scenario(dump_scenario(scenario)) == scenario
+    changes = dump_changes(scenario)
+    assert parse_scenario(changes) == scenario
+    assert len(changes.splitlines()) < 10
     before = yaml_dump_typed(scenario, schema=Scenario)
     if name not in ("1e3", "0o17"):
         assert parse_scenario(str(before)) == scenario

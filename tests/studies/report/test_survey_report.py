@@ -14,7 +14,21 @@ def test_a_report_has_coverage_residuals_and_uncertainty(tmp_path: Path) -> None
     random, shape = np.random.default_rng(1), ball(100.0)
     size = len(shape.vertices)
     surveyed = SimpleNamespace(
-        figures={"covered": 0.987},
+        figures={
+            "covered": 0.987, "mass_kg": 7.3e10, "gravity_error": -0.0013,
+            "gravity_deviation": 0.002, "rotation_period_h": 4.3, "rate_error": 1e-6,
+            "rate_deviation": 2e-6, "length_m": 200.0, "length_error": 0.01,
+            "map_rms_of_size": 0.001, "deviation_of_size": 0.002,
+        },
+        flight=SimpleNamespace(
+            world=SimpleNamespace(
+                scenario=SimpleNamespace(dispersed=["truth.gravity"]),
+                true_body=SimpleNamespace(gravity_field=SimpleNamespace(mass=1.29e10)),
+                body=SimpleNamespace(
+                    gravity_field=SimpleNamespace(mass=1e10), config=SimpleNamespace(name="Pea")
+                ),
+            )
+        ),
         made=SimpleNamespace(shape=shape),
         uncertainty=SimpleNamespace(
             counts=random.uniform(0.0, 50.0, size), deviations=np.ones(size)
@@ -29,10 +43,14 @@ def test_a_report_has_coverage_residuals_and_uncertainty(tmp_path: Path) -> None
         ),
         errors=random.standard_normal(500),
         deviations=np.ones(500),
-    )
+    )  # fmt: skip
     write_survey_report(tmp_path, "Survey", cast(Any, surveyed), [("delta-v", "12 m/s")])
     page = (tmp_path / "report.html").read_text()
-    for wanted in ("98.70% of the surface", "12 m/s", "What is uncertain where"):
+    for wanted in (
+        "98.70% of the surface", "12 m/s", "What is uncertain where",
+        "its true mass is 1.29 times that of Pea", "7.3e+10 kg", "-0.13%", "4.3 h", "-1.0e-06",
+        "200 m", "0.2 m, rms", "0.4 m, rms",
+    ):  # fmt: skip
         assert wanted in page
     pictures = {path.stem for path in (tmp_path / "figures").glob("*.png")}
     assert pictures == {"coverage", "residuals", "uncertainty", "errors"}

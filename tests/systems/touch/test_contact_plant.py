@@ -9,6 +9,7 @@ from pydrake.systems.framework import Context, Diagram
 from scipy.integrate import solve_ivp
 
 from proxops.diagrams.scenario import load_body
+from proxops.systems.common import InputError
 from proxops.systems.rotation import Spin
 from proxops.systems.shapes import Surface
 from proxops.systems.touch.contact_plant import (
@@ -201,3 +202,9 @@ def test_a_patch_of_a_map() -> None:
     near = np.linalg.norm(corners - place, axis=2).min(axis=1) <= 15.0
     assert near.sum() <= len(patch.facets) < 40
     assert np.linalg.norm(patch.vertices - place, axis=1).max() < 60.0
+
+
+def test_a_craft_too_light_for_its_arm_is_told_what_to_do() -> None:
+    light = craft()._replace(inertia=np.diag([100.0, 110.0, 120.0]))
+    with pytest.raises(InputError, match=r"set task\.arm_m lower: a head of 15 kg at 3 m"):
+        make_contact_plant(flat(), EvenField(), 0.0, light)
