@@ -144,6 +144,7 @@ def test_a_mission_may_end_with_a_transit(
     monkeypatch.setattr(mission, "run_survey", survey)
     _, after = begin_mission(scenario, load_body("kleopatra"), tmp_path)
     drawn = draw_transit(after.transit.seed, after.transit.index, after, kleopatra())
+    assert after.transit.goal_m is not None
     np.testing.assert_allclose(after.transit.goal_m, drawn.goal)
     assert after.transit.start_m == handed_over.after.transit.start_m
 
