@@ -42,7 +42,7 @@ help:
 install: .venv/core.stamp
 
 fly: .venv/core.stamp
-	@echo "flying one transit; the first flight on a machine compiles first, which takes half a minute"
+	@echo "flying one transit; the first flight on a machine compiles first, which takes a minute"
 	$(bin)/proxops fly --controller hybrid --out $(FLIGHT)
 
 lab: .venv/lab.stamp

@@ -68,7 +68,7 @@ def _scenario_file(path: Path | None) -> Path | None:
     name = "" if known else str(path)
     meant = [f"--set {key}={name}" for key, names in SHIPPED.items() if name in names]
     if name.partition(":")[0].partition(",")[0] in _CONTROLLERS:
-        meant.append(f"--controller {name} (of evaluate: --controllers)")
+        meant.append(f"--controller {name} (of evaluate: --controllers, no space after a comma)")
     if meant:
         raise InputError(f"there is no scenario {name}: did you mean {' or '.join(meant)}?")
     return path
@@ -102,8 +102,8 @@ DispersionsName = typing.Annotated[
     str | None,
     typer.Option(
         "--dispersions",
-        help="Draw each flight's world from after_survey, before_survey, first_look or paper, or "
-        "from a YAML file of your own.",
+        help=f"Draw each flight's world from {', '.join(SHIPPED['dispersions'])}, or from a YAML "
+        "file of your own.",
         autocompletion=complete_dispersions,
     ),
 ]

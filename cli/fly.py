@@ -305,7 +305,11 @@ def _save(log: FlightLog, out: Path, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(summary, indent=2))
     else:
-        title = f"{log.body.config.name}, {summary['controller']}"
+        flown = summary["controller"]
+        if "touched" in summary:
+            # Its own controller has the name `mpc`, too.
+            flown = "touch-and-go" if flown == "mpc" else f"touch-and-go, {flown}"
+        title = f"{log.body.config.name}, {flown}"
         print_rows(title, _first_rows(log, summary), _other_rows(log, summary))
     status.print(f"Wrote flight.nc, summary.json and replay.html in {out}")
     _tell_of_doubts(summary)
@@ -322,7 +326,11 @@ def _first_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str,
     if "touched" not in summary:
         rows += [
             ("entries into the keep-out ellipsoid", str(entries), entries == 0),
-            ("least clearance of it", length_text(summary["min_clearance_m"]), None),
+            (
+                "least clearance of the keep-out ellipsoid",
+                length_text(summary["min_clearance_m"]),
+                None,
+            ),
         ]
     flown, wall = float(log.dataset["time"].values[-1]), summary["wall_s"]
     rows += [
@@ -338,9 +346,7 @@ def _first_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str,
             None,
         ),
     ]
-    if "navigation_position_error_m_median" in summary:
-        error = length_text(summary["navigation_position_error_m_median"])
-        rows.append(("position error of the navigation, median", error, None))
+    rows += [(*row, None) for row in _error(summary, "navigation")]
     rows.append(
         ("computed", f"{flown:.0f} s in {wall:.1f} s, {flown / wall:.0f} x real time", None)
     )
@@ -355,8 +361,9 @@ def _other_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]
         ("speed at the end", f"{three_digits(summary['terminal_speed_m_s'])} m/s"),
         ("Δv of the hold", f"{three_digits(summary['hold_delta_v_m_s'])} m/s"),
         ("control steps", str(summary["steps"])),
-        ("times that the MPC was solved", str(summary["mpc_solves"])),
     ]
+    if summary["mpc_solves"]:
+        rows.append(("times that the MPC was solved", str(summary["mpc_solves"])))
     if summary["control_ms_median"] is not None:
         median, p99 = summary["control_ms_median"], summary["control_ms_p99"]
         who = "MPC" if summary["mpc_solves"] else "policy"
@@ -373,7 +380,6 @@ def _other_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]
         rows.append(("steps at which the navigation knew where it is", followed))
         rows += why_never_known(log.dataset, log.scenario, log.true_body.shape.vertices)
     if "navigation_consistent" in summary:
-        rows += _error(summary, "navigation")
         consistent = f"{summary['navigation_consistent']:.1%}"
         rows.append(("navigation within its 3 sigma, worst of 9 components", consistent))
     rows += _attitude(summary)

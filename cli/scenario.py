@@ -1,20 +1,26 @@
-"""`proxops scenario`: prints the default scenario, with what each value means."""
+"""`proxops scenario`: prints a scenario; the default one with what each value means."""
 
 from __future__ import annotations
 
 import typer
 
-from proxops.diagrams.scenario import commented_scenario
+from proxops.cli.common import ScenarioFile
+from proxops.diagrams.scenario import commented_scenario, dump_scenario, load_scenario
 
 
-def scenario_command() -> None:
+def scenario_command(scenario: ScenarioFile = None) -> None:
     """Print the default scenario as YAML, with what each value means, its unit and its limits.
 
-    Keep what you change: what a scenario file leaves out has its default. A shell's completion
-    offers the same keys after --set.
+    Of another scenario, print all values. Keep what you change: what a scenario file leaves out has
+    its default. A shell's completion offers the same keys after --set.
 
-    Example:
+    Examples:
 
       proxops scenario
+
+      proxops scenario bennu
     """
-    typer.echo(commented_scenario(), nl=False)
+    default = scenario is None
+    typer.echo(
+        commented_scenario() if default else dump_scenario(load_scenario(scenario)), nl=False
+    )

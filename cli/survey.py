@@ -52,7 +52,7 @@ def survey_command(
 
       proxops survey --out out/survey
 
-      proxops survey bennu --seed 31000 --hours 30 --out out/bennu-survey
+      proxops survey bennu --dispersions approach --hours 30 --out out/approach
 
       proxops survey bennu --visits bennu_touch_and_go --out out/bennu
     """

@@ -145,6 +145,8 @@ def users_system(name: str, scenario: Scenario, body: Body) -> System:
         controller = factory(scenario, body)
     if not isinstance(controller, System):
         raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
+    if not controller.get_name():
+        controller.set_name(name)
     return controller
 
 
@@ -191,9 +193,9 @@ def _in_working_directory(name: str) -> Generator[None]:
         places = traceback.extract_tb(error.__traceback__)
         source = getattr(sys.modules.get(module), "__file__", None)
         place = ([each for each in places if each.filename == source] or places)[-1]
-        raise InputError(
-            f"controller {name!r}: {type(error).__name__}: {error} "
-            f"({Path(place.filename).name}, line {place.lineno})"
-        ) from error
+        where = f" ({Path(place.filename).name}, line {place.lineno})"
+        if isinstance(error, SyntaxError):
+            where = ""  # Its text says where.
+        raise InputError(f"controller {name!r}: {type(error).__name__}: {error}{where}") from error
     finally:
         sys.path.remove(here)

@@ -142,7 +142,7 @@ def _connect_controller(wiring: Wiring, controller: System, signals: Signals) ->
         elif name not in _OPTIONAL_PORTS:
             raise InputError(
                 f"controller {controller.get_name()!r}: nothing feeds input port {name!r}; "
-                f"the signals are {', '.join(signals)}"
+                f"the signals are {', '.join(dict.fromkeys([*signals, 'covariance']))}"
             )
     for name, logged in offers_of(controller).logged_ports.items():
         known = name in CONTROLLER_COLUMNS

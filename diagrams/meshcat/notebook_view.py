@@ -26,14 +26,24 @@ from proxops.diagrams.meshcat.meshcat_scene import (
 )
 from proxops.diagrams.meshcat.replay import replay_page
 from proxops.diagrams.scenario import Body
-from proxops.systems.common import Vector3, Vectors3
+from proxops.systems.common import InputError, Vector3, Vectors3
 
 _HEIGHT = 480
 
 
 def show_page(page: str) -> None:
-    """Displays a page of HTML under the cell; it is saved with the notebook."""
-    from IPython.display import HTML, display  # pyright: ignore[reportMissingImports]
+    """Displays a page of HTML under the cell; it is saved with the notebook.
+
+    Raises:
+      InputError: IPython is not installed.
+    """
+    try:
+        from IPython.display import HTML, display  # pyright: ignore[reportMissingImports]
+    except ModuleNotFoundError as error:
+        raise InputError(
+            "show_flight, show_body and show_lidar are for notebooks (make lab); elsewhere, "
+            "write_replay writes a flight as a page"
+        ) from error
 
     display(HTML(embedded(page)))
 

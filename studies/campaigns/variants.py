@@ -27,7 +27,7 @@ from proxops.diagrams.scenario import (
 )
 from proxops.studies.campaigns.describing import describe_flight
 from proxops.studies.figures import Results, aggregate_all
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, check_type
 
 World = Callable[[Scenario, Body], Scenario]
 """Gives the scenario of a flight in its world, from the scenario with the flight's transit."""
@@ -100,11 +100,13 @@ def evaluate(
       workers: fly.
 
     Raises:
-      InputError: see `fly_variants`.
+      InputError: `scenario` is none; or see `fly_variants`.
     """
+    scenario = load_scenario() if scenario is None else scenario
+    check_type("evaluate", Scenario, scenario=scenario)
     rows = fly_variants(
-        [Variant(name, name) for name in controllers], scenario or load_scenario(), seed, transits,
-        folder, describe=describe_flight, workers=workers,
+        [Variant(name, name) for name in controllers], scenario, seed, transits, folder,
+        describe=describe_flight, workers=workers,
     )  # fmt: skip
     return aggregate_all(rows)
 

@@ -19,6 +19,7 @@ from proxops.systems.common import (
     LoggedPort,
     SolverFailure,
     check_positive,
+    check_type,
     config,
     number,
     one_of,
@@ -154,6 +155,7 @@ class ModelPredictiveController(LeafSystem):
           latest: time in s of the flight at which plans should have ended; inf: at none.
         """
         super().__init__()
+        check_type("ModelPredictiveController", PlanProgram, program=program)
         check_positive("ModelPredictiveController", period=period)
         if not 1 <= cold_iterations <= _MOST_ITERATIONS:
             raise InputError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -217,6 +217,7 @@ class Horizon:
         return np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
 
 
+@runtime_checkable
 class PlanProgram(Protocol):
     """The interface of the programs that the MPC can solve."""
 

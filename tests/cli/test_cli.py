@@ -113,6 +113,7 @@ def test_fly(run, tmp_path: Path) -> None:
                   "MPC was solved", "MPC step", "real time"):  # fmt: skip
         assert words in ran.out
     assert "Wrote flight.nc, summary.json and replay.html" in ran.err
+    assert ran.out.count("position error of the navigation") == 1
     assert entries(tmp_path) >= {"a/b/flight.nc", "short.yaml"}
 
     again = run("fly", "--from", "a/b/flight.nc", "--out", "again")
@@ -134,6 +135,14 @@ def test_fly(run, tmp_path: Path) -> None:
     page = run("replay", "a/b/flight.nc", "--out", "page/flight.html")
     assert page.code == 0, page.err
     assert (tmp_path / "page" / "flight.html").stat().st_size > 1e6
+
+
+def test_a_touch_is_told_by_its_task(run) -> None:
+    """The MPC has no part in it."""
+    ran = run("fly", "bennu_touch_and_go", *BRIEF, "--out", "touch")
+    assert ran.code == 0, ran.err
+    assert "Bennu, touch-and-go" in ran.out
+    assert "MPC" not in ran.out
 
 
 @pytest.mark.slow

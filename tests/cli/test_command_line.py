@@ -15,7 +15,7 @@ from commands import proxops
 
 from proxops.cli import common
 from proxops.cli.main import COMMANDS, command
-from proxops.diagrams.scenario import Scenario, parse_scenario
+from proxops.diagrams.scenario import Scenario, load_scenario, parse_scenario
 
 # As the script that pip installs: that makes `proxops` the name that completion goes by.
 SCRIPT = "import sys; sys.argv[0] = 'proxops'; from proxops.cli.entry import main; main()"
@@ -129,6 +129,12 @@ def test_help_shows_brackets(capfd: pytest.CaptureFixture[str]) -> None:
     assert "'proxops[exchange]'" in capfd.readouterr().out
 
 
+def test_help_names_all_dispersions(capfd: pytest.CaptureFixture[str]) -> None:
+    proxops("fly", "--help")
+    told = capfd.readouterr().out
+    assert all(name in told for name in common.SHIPPED["dispersions"])
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_fits_80_columns(
     name: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -174,6 +180,7 @@ def test_controllers_complete() -> None:
         (["fly", "after_survey"], "--set dispersions=after_survey"),
         (["evaluate", "mpc"], "--controllers"),
         (["evaluate", "mpc,zero"], "--controller mpc,zero"),
+        (["evaluate", "--controllers", "mpc,", "hybrid"], "no space after a comma"),
     ],
 )
 def test_a_name_in_place_of_a_file(
@@ -188,3 +195,5 @@ def test_a_name_in_place_of_a_file(
 def test_scenario_prints_the_default(capfd: pytest.CaptureFixture[str]) -> None:
     assert proxops("scenario") == 0
     assert parse_scenario(capfd.readouterr().out) == Scenario()
+    assert proxops("scenario", "bennu") == 0
+    assert parse_scenario(capfd.readouterr().out) == load_scenario("bennu")

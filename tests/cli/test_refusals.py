@@ -62,6 +62,10 @@ def mpc(**given: Any) -> ModelPredictiveController:
     return ModelPredictiveController(make_mpc(Scenario(), kleopatra()).program, **given)
 
 
+def mpc_of(program: Any) -> ModelPredictiveController:
+    return ModelPredictiveController(program)
+
+
 def navigation(**given: Any) -> LidarNavigation:
     body = kleopatra()
     own = {key: given.pop(key) for key in LidarFrames._fields if key in given}
@@ -116,6 +120,7 @@ REFUSED: list[tuple[Callable[..., Any], str, tuple[Any, ...]]] = [
     (lidar, "seed", (-1, 1e300, 0.5)),
     (mpc, "period", (0.0, NAN)),
     (mpc, "cold_iterations", (0, 10**22)),
+    (mpc_of, "program", (None, kleopatra())),
     (navigation, "noise_std", (0.0,)),
     (navigation, "mass", (-1.0,)),
     (navigation, "delay", (-1, 0.5)),

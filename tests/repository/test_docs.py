@@ -144,7 +144,8 @@ NOT_RUN = {"--meshcat", "--scheduler", "--install-completion"}
 NOT_HERE = {"dagger", "reproduce", "score", "survey", "train-lidar"}
 # What surveys make, and what begins with one.
 SURVEYED = {
-    "bennu_mission", "out/mission/flight.yaml", "out/survey/visit.yaml", "out/bennu/visit.yaml",
+    "bennu_mission", "rock_mission.yaml", "out/mission/flight.yaml", "out/survey/visit.yaml",
+    "out/bennu/visit.yaml",
 }  # fmt: skip
 GROUP: Any = get_command(app)
 OPTIONS_OF_ALL = {option for parameter in GROUP.params for option in parameter.opts} | {"--help"}
@@ -201,6 +202,12 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "out" / "full").mkdir()
     copy_flights(tmp_path / "out").rename(tmp_path / "out" / "full" / "flights")
     return tmp_path
+
+
+def test_a_mission_at_an_own_asteroid_is_that_at_bennu(working_folder: Path) -> None:
+    (working_folder / "rock_mission.yaml").write_text(named_block("rock_mission.yaml"))
+    here = {"body": "bennu", "truth.boulders.narrowest_m": 15.0}
+    assert load_scenario("rock_mission.yaml", here) == load_scenario("bennu_mission")
 
 
 @pytest.mark.slow

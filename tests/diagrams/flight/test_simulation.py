@@ -1,5 +1,7 @@
 """Flights obey physics: the log's motion, events and outcomes are each computed a second way."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from jacobi import jacobi_integral
@@ -157,6 +159,21 @@ def test_controllers_refused(name: str, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint) as caught:
         named_controller(name, load_scenario(), kleopatra())
     assert repr(name) in str(caught.value)
+
+
+def test_errors_of_a_users_controller_have_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("half_written.py").write_text("def make(scenario, body:\n")
+    with pytest.raises(InputError, match=r"SyntaxError: .*\(half_written.py, line 1\)$"):
+        named_controller("half_written:make", load_scenario(), kleopatra())
+    Path("unnamed.py").write_text(
+        "from pydrake.systems.primitives import PassThrough\n\n\n"
+        "def make(scenario, body):\n    return PassThrough(3)\n"
+    )
+    made = named_controller("unnamed:make", load_scenario(), kleopatra())
+    assert made.get_name() == "unnamed:make"
 
 
 def test_a_period_of_several_steps_keeps_one_frame_each():

@@ -100,7 +100,10 @@ def offering(**offers: object) -> Scripted:
     [
         (Scripted(output="thrust"), "needs an output port 'force' of size 3; it has 'thrust' of"),
         (Scripted(ports=[("state", 3)]), "input port 'state' has size 3, but the signal .* size 6"),
-        (Scripted(ports=[("sate", 6)]), "nothing feeds input port 'sate'; the signals are state"),
+        (
+            Scripted(ports=[("sate", 6)]),
+            "nothing feeds input port 'sate'; .* are state, .*covariance",
+        ),
         (Talkative("state"), "'state'"),
         (Talkative("two words"), "'two words'"),
         (offering(delay=-1.0), "needs delay from 0"),

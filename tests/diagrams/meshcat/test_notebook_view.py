@@ -14,8 +14,8 @@ from short_flights import kleopatra
 from synthetic_log import synthetic_log
 
 from proxops.diagrams.meshcat.lidar_scene import plane_edges
-from proxops.diagrams.meshcat.notebook_view import show_body, show_flight
-from proxops.systems import Lidar, LidarErrors
+from proxops.diagrams.meshcat.notebook_view import show_body, show_flight, show_page
+from proxops.systems import InputError, Lidar, LidarErrors
 
 POSITION = np.array([150e3, 40e3, 60e3])
 
@@ -40,6 +40,12 @@ def test_flight_is_the_replay(pages: list[str]) -> None:
     show_flight(log)
     assert f"<title>{log.body.config.name}, hybrid</title>" in pages[0]
     assert 'id="legend"' in pages[0]
+
+
+def test_elsewhere_it_says_what_to_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "IPython.display", None)
+    with pytest.raises(InputError, match=r"for notebooks .*write_replay"):
+        show_page("")
 
 
 def test_body_with_markers(pages: list[str]) -> None:

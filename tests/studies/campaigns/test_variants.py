@@ -74,6 +74,11 @@ def test_controllers_evaluated(tmp_path: Path) -> None:
         assert ends == [summary["terminal_position_error_m"] for summary in alone]
 
 
+def test_the_name_of_a_scenario_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="needs a Scenario as scenario, got a str"):
+        evaluate(["mpc"], "bennu", folder=tmp_path)  # pyright: ignore[reportArgumentType]
+
+
 def test_share_of_small_commands_is_of_what_was_commanded() -> None:
     log = synthetic_log()
     data = log.dataset.copy(deep=True)
