@@ -22,7 +22,7 @@ from proxops.cli.common import (
     status,
     work_bar,
 )
-from proxops.diagrams.scenario import check_constants, dump_scenario
+from proxops.diagrams.scenario import check_constants, dump_changes
 from proxops.systems.common import InputError, make_folder, write_json, write_whole
 from proxops.systems.shapes import (
     LONGITUDES,
@@ -368,7 +368,7 @@ def _write_body(report: ShapeReport, asked: _Asked, path: Path) -> None:
     if (scenario := asked.scenario) is not None:
         make_folder(scenario.parent)
         named = Path(os.path.relpath(path, scenario.parent)).as_posix()
-        text = dump_scenario(scaled_scenario(report.body, named, report.questions.craft_mass_kg))
+        text = dump_changes(scaled_scenario(report.body, named, report.questions.craft_mass_kg))
         _write(
             scenario, f"# Kleopatra's scenario, scaled to {config.name} by proxops shape\n{text}"
         )

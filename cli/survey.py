@@ -88,7 +88,7 @@ def report_survey(out: Path, scenario: Scenario, surveyed: Surveyed) -> list[tup
     from proxops.studies.report import write_survey_report  # As above.
 
     rows = _rows(surveyed.figures)
-    title = f"Survey of {scenario.body}, seed {scenario.transit.seed}"
+    title = f"Survey of {surveyed.flight.world.body.config.name}, seed {scenario.transit.seed}"
     write_survey_report(out, title, surveyed, rows)
     return rows
 
