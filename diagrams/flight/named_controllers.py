@@ -142,7 +142,7 @@ def users_system(name: str, scenario: Scenario, body: Body) -> System:
     except ValueError:  # It tells no signature.
         pass
     with _in_working_directory(name):
-        controller = factory(scenario, body)
+        controller: System = factory(scenario, body)
     if not isinstance(controller, System):
         raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
     if not controller.get_name():
