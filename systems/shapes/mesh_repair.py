@@ -397,11 +397,12 @@ def _collapse_short_edges(mesh: Repair) -> None:
         order, stays = np.argsort(lengths), np.arange(len(vertices))
         touched, collapsed = np.zeros(len(vertices), dtype=bool), False
         for a, b in edges[order[: np.count_nonzero(lengths < limit)]]:
-            stars = [np.unique(facets[(facets == end).any(axis=1)]) for end in (a, b)]
+            one, other = (np.unique(facets[(facets == end).any(axis=1)]) for end in (a, b))
+            near = np.union1d(one, other)
             # Both ends and the two facets' other corners are common, or the surface would pinch.
-            if len(np.intersect1d(*stars)) != 4 or touched[np.union1d(*stars)].any():
+            if len(np.intersect1d(one, other)) != 4 or touched[near].any():
                 continue
-            touched[np.union1d(*stars)] = collapsed = True
+            touched[near] = collapsed = True
             vertices[a], stays[b] = 0.5 * (vertices[a] + vertices[b]), a
             count += 1
         facets = stays[facets]
