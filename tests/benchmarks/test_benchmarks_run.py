@@ -75,7 +75,7 @@ def test_a_flight_is_the_same_again(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_survey_and_a_visit(tmp_path: Path) -> None:
-    run(MAPPING, ["kleopatra", "--seeds", "1:2", "--hours", "13"], tmp_path)
+    run(MAPPING, ["kleopatra", "--seeds", "1:2", "--hours", "15"], tmp_path)
     folder = tmp_path / "out" / "mapping" / "kleopatra-1"
     figures = json.loads((folder / "survey.json").read_text())
     assert figures["map_rms_of_size"] < 5e-4
