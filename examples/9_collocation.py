@@ -36,7 +36,7 @@ program = DirectCollocation(plant, context, steps, 100.0, 300.0)
 program.AddEqualTimeIntervalsConstraints()
 program.prog().AddBoundingBoxConstraint(START, START, program.initial_state())
 program.prog().AddBoundingBoxConstraint(GOAL, GOAL, program.final_state())
-program.AddRunningCost(program.input().dot(program.input()))
+program.AddRunningCost(sum(force**2 for force in program.input()))
 for k in range(steps):
     program.prog().AddBoundingBoxConstraint(-7.0, 7.0, program.input(k))
     guess = START + k / (steps - 1) * (GOAL - START)
