@@ -20,7 +20,5 @@ def scenario_command(scenario: ScenarioFile = None) -> None:
 
       proxops scenario bennu
     """
-    default = scenario is None
-    typer.echo(
-        commented_scenario() if default else dump_scenario(load_scenario(scenario)), nl=False
-    )
+    text = commented_scenario() if scenario is None else dump_scenario(load_scenario(scenario))
+    typer.echo(text, nl=False)

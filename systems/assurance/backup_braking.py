@@ -223,11 +223,12 @@ class BackupBraking:
             return
         errors = 3.0 * self.world.velocity
         thrusting = self.outward_speed - errors
-        cure = "tighten assurance.bounds.velocity_m_s, position_m or delay_s, or "
-        cure += tightest(budget(self.bounds, self.world.thrust, self.gravity.strongest))
         if thrusting > self.cruise_speed:
             enough = 1.2 * thrusting / _CRUISE
             cure = f"raise spacecraft.speed_limit_m_s to {enough:.2g} or shorten control_period_s"
+        else:
+            cure = "tighten assurance.bounds.velocity_m_s, position_m or delay_s, or "
+            cure += tightest(budget(self.bounds, self.world.thrust, self.gravity.strongest))
         raise InputError(
             "runtime assurance: within assurance.bounds, no height above "
             f"{describe(points[worst])} of the keep-out ellipsoid is enough for a spacecraft at "

@@ -178,9 +178,11 @@ def as_points(points: Vectors3) -> Vectors3:
     Raises:
       InputError: they are not an (N, 3) array of numbers.
     """
-    if np.asarray(points).dtype == object:
-        raise InputError("points must be numbers; for AutoDiffXd, use PolyhedralGravity_")
-    points = np.ascontiguousarray(points, dtype=np.float64)  # The kernels are compiled for these.
+    try:
+        points = np.ascontiguousarray(points, dtype=np.float64)  # As the kernels are compiled for.
+    except TypeError as error:
+        message = "points must be numbers; for AutoDiffXd, use PolyhedralGravity_"
+        raise InputError(message) from error
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"points must have shape (N, 3), got {points.shape}")
     return points

@@ -201,7 +201,8 @@ def test_overlapping_lobes_are_joined() -> None:
     lens = np.pi * (4.0 + 1.5) * (2.0 - 1.5) ** 2 / 12.0
     expected = 8.0 / 3.0 * np.pi - lens
     # The facets' balls are smaller than the balls by this share.
-    action, *_ = sound(mesh, expected * ball / (4.0 / 3.0 * np.pi), 1e-3)
+    action, *others = sound(mesh, expected * ball / (4.0 / 3.0 * np.pi), 1e-3)
+    assert [other.split()[0] for other in others] == ["collapsed", "dropped"]
     assert action.startswith("joined 2 shells that overlap: ")
     assert float(action.split()[5]) == pytest.approx(100 * lens / (8.0 / 3.0 * np.pi), rel=0.02)
 
