@@ -20,7 +20,7 @@ from proxops.cli.common import (
     training_extra,
     work_bar,
 )
-from proxops.cli.train import print_any_body, print_report
+from proxops.cli.train import print_report, print_shares
 from proxops.diagrams.flight import Workers
 from proxops.systems.common import InputError
 
@@ -91,7 +91,7 @@ def dagger_command(
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:
-        (print_any_body if data is None else print_report)(report)
+        (print_shares if data is None else print_report)(report)
         for number, row in enumerate(report["rounds"], start=1):
             flown = f"{row['arrived']} of {row['flights']} arrived, {row['violations']} violations"
             print_rows(f"round {number}", [("before it", flown), ("labels", str(row["labels"]))])

@@ -28,7 +28,14 @@ from proxops.cli.common import (
     work_bar,
 )
 from proxops.diagrams.flight import Workers, made_with, named_controller
-from proxops.diagrams.scenario import ArrivalConfig, draw_transit, load_body, load_scenario
+from proxops.diagrams.scenario import (
+    ArrivalConfig,
+    load_body,
+    load_scenario,
+    of_transit,
+    scenario_transit,
+    with_site,
+)
 from proxops.systems.common import InputError, write_json
 
 if TYPE_CHECKING:
@@ -85,11 +92,12 @@ def evaluate_command(
     check_transits_drawn(wanted, settings)
     # Errors are reported now, before workers and folders exist.
     body = load_body(wanted.body)
+    wanted = with_site(wanted, body)
     for name in names:
         named_controller(name, wanted, body)
     print_remarks(wanted, body)
     for index in range(min(transits, 2)):  # One clear transit and one blocked transit.
-        draw_transit(seed, index, wanted, body)
+        scenario_transit(of_transit(wanted, seed, index), body)
     with work_bar("preparing the flights") as progress:
         rows = fly_variants(
             [Variant(name, name) for name in names], wanted, seed, transits, out / "flights",

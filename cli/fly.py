@@ -397,6 +397,7 @@ def _touch(summary: dict[str, Any]) -> list[tuple[str, str]]:
     aborts = ", ".join(summary["touch_aborts"]) or "none"
     parts = f"{summary['touch_parts_force_n']:.0f} N"
     rows = [("descents, aborts", f"{summary['touch_tries']}, {aborts}")]
+    share = summary.get("touch_policy_share")
     if not summary["touched"]:
         return [*rows, ("touch", "none"), ("force on bus and panels", parts)]
     speeds = [f"{100.0 * summary[f'touch_{way}_m_s']:.2f} cm/s" for way in ("down", "across")]
@@ -414,6 +415,7 @@ def _touch(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("stroke of the arm", f"{100.0 * summary['touch_stroke_m']:.1f} cm"),
         ("force on bus and panels", parts),
         ("came back to the ground", str(summary["touch_again"])),
+        *([("descent flown by the policy", f"{share:.0%}")] if share else []),
     ]
 
 

@@ -28,13 +28,17 @@ class RecipeName(enum.StrEnum):
     PROXOPS = "proxops"
     PAPER = "paper"
     ANY_BODY = "any-body"
+    DESCENT = "descent"
 
 
+# Those that make their own examples.
+_WITHOUT_DATA = (RecipeName.ANY_BODY, RecipeName.DESCENT)
 # One for each: in the other's folder, a training would replace the bundle.
 _FOLDERS = {
     RecipeName.PROXOPS: Path("out/pilot"),
     RecipeName.PAPER: Path("out/paper-policy"),
     RecipeName.ANY_BODY: Path("out/any-body"),
+    RecipeName.DESCENT: Path("out/descent"),
 }
 
 
@@ -49,13 +53,14 @@ class Precision(enum.StrEnum):
 def train_command(
     data: Annotated[
         Path | None,
-        typer.Argument(help="Folder that `proxops collect` wrote; any-body needs none."),
+        typer.Argument(help="Folder that `proxops collect` wrote; any-body and descent need none."),
     ] = None,
     recipe: Annotated[
         RecipeName,
         typer.Option(
             help="proxops: our pilot, from lidar frames; paper: the paper's CNN, LSTM and MLP; "
-            "any-body: from the navigation's state, for a family of bodies."
+            "any-body: from the navigation's state, for a family of bodies; descent: of a "
+            "touch-and-go, likewise."
         ),
     ] = RecipeName.PROXOPS,
     epochs: Annotated[
@@ -63,7 +68,7 @@ def train_command(
         typer.Option(
             min=1,
             help="Greatest number of epochs (of our pilot's guidance). Default: 20; any-body: 30; "
-            "paper: 12.",
+            "descent: 60; paper: 12.",
         ),
     ] = None,
     minutes: Annotated[
@@ -85,7 +90,7 @@ def train_command(
         Path | None,
         typer.Option(
             help="Folder for the policy and its report. Default: out/pilot; paper: "
-            "out/paper-policy; any-body: out/any-body."
+            "out/paper-policy; any-body: out/any-body; descent: out/descent."
         ),
     ] = None,
     workers: Annotated[
@@ -109,6 +114,8 @@ def train_command(
       proxops train out/paper --recipe paper --out out/paper-policy
 
       proxops train --recipe any-body --out out/any-body
+
+      proxops train --recipe descent --out out/descent
     """
     out = out or _FOLDERS[recipe]
     check_folder(out)
@@ -124,7 +131,7 @@ def train_command(
     if as_json:
         typer.echo(json.dumps(report, indent=2))
     else:
-        (print_any_body if recipe == RecipeName.ANY_BODY else print_report)(report)
+        (print_shares if recipe in _WITHOUT_DATA else print_report)(report)
     status.print(f"Wrote bundle, the trained policy, report.md and curves in {out}")
 
 
@@ -136,23 +143,23 @@ def _check_options(
         raise InputError("--minutes must be a number")
     if minutes is not None and recipe != RecipeName.PAPER:
         raise InputError("--minutes needs --recipe paper: give --epochs or --quick")
-    if recipe == RecipeName.ANY_BODY and data is not None:
-        raise InputError(f"--recipe any-body makes its own examples: leave out {data}")
-    if recipe != RecipeName.ANY_BODY and data is None:
+    if recipe in _WITHOUT_DATA and data is not None:
+        raise InputError(f"--recipe {recipe} makes its own examples: leave out {data}")
+    if recipe not in _WITHOUT_DATA and data is None:
         raise InputError("name the folder that `proxops collect` wrote")
     if recipe == RecipeName.PAPER and workers is not None:
         raise InputError("--workers is for recipes that compute plans: leave it out")
 
 
-def print_any_body(report: dict[str, Any]) -> None:
-    """Prints the results of a training for any body."""
+def print_shares(report: dict[str, Any]) -> None:
+    """Prints the results of a training whose errors are shares."""
     run, errors = report["training"], report["force_errors"]
     rows = [("epochs", str(run["epochs"])), ("CPU time", f"{run['cpu_s']:.0f} s")]
     rows += [
         (f"median error of the force, {part}", f"{row['median']:.1%}")
         for part, row in errors.items()
     ]
-    print_rows("policy by the any-body recipe; forces over the thrust limit", rows)
+    print_rows(f"policy by the {report['recipe']} recipe", rows)
 
 
 def print_report(report: dict[str, Any]) -> None:

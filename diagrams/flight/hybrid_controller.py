@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses as dc
-import math
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
@@ -11,10 +10,8 @@ from proxops.diagrams.flight.scenario_systems import make_mpc, make_zero
 from proxops.diagrams.flight.wiring import STATE_NOISE_STREAM
 from proxops.diagrams.scenario import Body, Scenario, uncertainty_set
 from proxops.systems import (
-    AgreementGate,
     CheckSchedule,
     EnabledValue,
-    GateKind,
     HybridSelector,
     InputError,
     ModelPredictiveController,
@@ -49,12 +46,7 @@ def make_hybrid(scenario: Scenario, body: Body, policy: System) -> HybridControl
     bounds = uncertainty_set(scenario, body)
     assurance, acceleration = scenario.assurance, craft.thrust_limit_n / craft.mass_kg
     selector = HybridSelector(
-        AgreementGate(
-            GateKind(settings.gate),
-            settings.epsilon_magnitude_n,
-            math.radians(settings.epsilon_angle_deg),
-            settings.dead_band_n,
-        ),
+        settings.agreement_gate(),
         CheckSchedule(
             PeriodRule(settings.period_rule),
             settings.check_period,

@@ -28,7 +28,7 @@ from proxops.systems.common import InputError, file_sha256
 
 WITH_BUNDLE = ("policy", "hybrid", "pd", "mpc")
 """Kinds of controllers whose names may contain a policy's bundle, such as `policy:out/bundle`."""
-_SHIPPED_POLICY = ASSETS / "any_body"
+_SHIPPED_POLICY, _SHIPPED_DESCENT = ASSETS / "any_body", ASSETS / "descent"
 # Bundles that ship beside it, by the names that a controller's name may have after the colon.
 _NAMED_BUNDLES = {"end-to-end": ASSETS / "end_to_end"}
 # Name of the attribute that holds the hash of a module when it was imported.
@@ -40,8 +40,9 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
 
     `policy:FOLDER` and `hybrid:FOLDER` fly the policy of the bundle in FOLDER. `mpc:FOLDER` and
     `pd:FOLDER` fly the MPC and the PD controller on the state that this policy estimates; `mpc` and
-    `pd` fly on what the navigation knows, or on the true state if the scenario says so. For a
-    touch-and-go without a transit, `mpc` is the `TouchController`, the only one that flies it.
+    `pd` fly on what the navigation knows, or on the true state if the scenario says so. Of a
+    touch-and-go without a transit, `mpc`, `policy` and `hybrid` fly the descent, as the
+    `TouchController`.
 
     FACTORY is the user's function. It is called as `factory(scenario, body)` and returns a System
     with the ports that `make_transit_diagram` needs. MODULE may also be in the working directory.
@@ -49,26 +50,32 @@ def named_controller(name: str, scenario: Scenario, body: Body) -> System:
     Raises:
       InputError: the name is unknown, no policy fits, or the factory cannot be imported or fails.
     """
-    touches = isinstance(scenario.task, TouchAndGoConfig) and not scenario.task.transit
+    (kind, _, _), bundle = name.partition(":"), bundle_of(name, scenario)
+    if _is_descent(scenario):
+        if name == "mpc" or kind in ("policy", "hybrid"):
+            return make_touch_controller(scenario, body, bundle, checked=kind == "hybrid")
+        if name in ("pd", "zero") or bundle is not None:
+            raise InputError(
+                f"controller {name!r} flies transits: a touch-and-go is flown by mpc, policy or "
+                "hybrid, or by MODULE:FACTORY"
+            )
     if name == "mpc":
-        return make_touch_controller(scenario, body) if touches else make_mpc(scenario, body)
-    if touches and (name in ("pd", "zero") or bundle_of(name, scenario) is not None):
-        raise InputError(
-            f"controller {name!r} flies transits: a touch-and-go is flown by mpc, whose mission "
-            "and program are its own, or by MODULE:FACTORY"
-        )
+        return make_mpc(scenario, body)
     if name == "pd":
         return make_proportional_derivative(scenario)
     if name == "zero":
         return make_zero()
-    bundle = bundle_of(name, scenario)
     if bundle is None:
         return users_system(name, scenario, body)
-    kind, _, _ = name.partition(":")
     if kind in ("mpc", "pd"):
         return make_estimate_feedback(kind, bundle, scenario, body)
     policy = make_policy(bundle, scenario, body, checked=kind == "hybrid")
     return make_hybrid(scenario, body, policy) if kind == "hybrid" else policy
+
+
+def _is_descent(scenario: Scenario) -> bool:
+    """Whether the controller is to fly a touch-and-go, not the transit before it."""
+    return isinstance(scenario.task, TouchAndGoConfig) and not scenario.task.transit
 
 
 def bundle_of(name: str, scenario: Scenario) -> Path | None:
@@ -81,7 +88,8 @@ def bundle_of(name: str, scenario: Scenario) -> Path | None:
     if kind not in WITH_BUNDLE or name in ("pd", "mpc"):
         return None
     if not colon:
-        return Path(scenario.policy.bundle or _SHIPPED_POLICY)
+        shipped = _SHIPPED_DESCENT if _is_descent(scenario) else _SHIPPED_POLICY
+        return Path(scenario.policy.bundle or shipped)
     return _NAMED_BUNDLES.get(path, Path(path))
 
 

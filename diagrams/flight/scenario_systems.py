@@ -48,7 +48,7 @@ from proxops.systems.common import Vector3
 from proxops.systems.gravity import BodyField, Moon
 from proxops.systems.lidar import LidarWithMoons
 from proxops.systems.navigation import load_map
-from proxops.systems.policy import load_policy
+from proxops.systems.policy import DescentBundle, load_policy
 from proxops.systems.rotation import SpinModel
 from proxops.systems.vehicle import FlightEvents
 
@@ -101,6 +101,8 @@ def make_policy(
     """
     thrust, period = scenario.spacecraft.thrust_limit_n, scenario.control_period_s
     policy = load_policy(bundle)
+    if isinstance(policy, DescentBundle):
+        raise InputError(f"the policy in {bundle} flies descents: task: !TouchAndGo {{}} has one")
     if isinstance(policy, GuidanceBundle):
         around = surroundings(scenario, body, checked)
         beyond = scenario.policy.beyond_family

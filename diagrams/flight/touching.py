@@ -7,6 +7,8 @@ and torque that its thrusters and wheels give: see `TouchMotion`.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Context, Diagram
@@ -26,8 +28,11 @@ from proxops.diagrams.scenario import (
 )
 from proxops.systems import RigidSpacecraft
 from proxops.systems.common import rotation_matrix
+from proxops.systems.policy import DescentBundle
 from proxops.systems.touch import (
     DescentGuidance,
+    DescentPilot,
+    DescentPolicy,
     Mission,
     TouchController,
     make_contact_plant,
@@ -45,11 +50,18 @@ _ROUNDING = 1e-9
 _SPARE, _PATCH = 0.3, 40.0
 
 
-def make_touch_controller(scenario: Scenario, body: Body) -> TouchController:
+def make_touch_controller(
+    scenario: Scenario, body: Body, bundle: Path | None = None, checked: bool = False
+) -> TouchController:
     """Makes the controller of a touch-and-go from what is believed.
 
     Args:
       scenario: of a touch-and-go whose site is a position. body: as believed.
+      bundle: folder of the policy that flies the legs of the descent; None: the program does.
+      checked: the policy is a hybrid's, which the program checks.
+
+    Raises:
+      InputError: the bundle is damaged, or none of a descent.
     """
     task, craft = scenario.task, scenario.spacecraft
     assert isinstance(task, TouchAndGoConfig)
@@ -62,7 +74,13 @@ def make_touch_controller(scenario: Scenario, body: Body) -> TouchController:
         touch_site(scenario, body),
         task.descent,
     )
-    mission = Mission(guidance, scenario.control_period_s, task.tries, task.checks, task.away)
+    pilot = None
+    if bundle is not None:
+        policy = DescentPolicy(guidance, DescentBundle.load(bundle).network)
+        gate = scenario.hybrid.agreement_gate() if checked else None
+        pilot = DescentPilot(policy, gate, scenario.hybrid.check_period)
+    period = scenario.control_period_s
+    mission = Mission(guidance, period, task.tries, task.checks, task.away, pilot)
     thrusters = load_spacecraft(craft.model).thrusters.count
     return TouchController(mission, scenario.lidar_geometry.size, thrusters, task.transit)
 

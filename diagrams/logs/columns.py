@@ -136,6 +136,7 @@ VARIABLES = {
         "touch_stopping_height": Column(
             (), "m", "least height over that of contact at which an abort now comes to rest",
         ),
+        "touch_by_policy": Column((), "1", "1: the force of a descent is the learned policy's"),
     }),
     **_record("contact_record", {
         "contact_force": Column((), "N", "greatest force on the head since the last control step"),

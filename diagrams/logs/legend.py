@@ -39,7 +39,9 @@ def flown_by(dataset: xr.Dataset) -> Values:
     codes = dataset["decision"].values.astype(int)
     codes = np.where(np.isin(codes, list(FlownBy)), codes, FlownBy.CONTROLLER)
     if "touch_phase" in dataset:
-        codes = np.where(dataset["touch_phase"].values >= TouchPhase.HOME, FlownBy.TOUCH, codes)
+        learned = np.asarray(dataset.get("touch_by_policy", 0.0)) == 1.0  # Not before 1.18.
+        touch = np.where(learned, FlownBy.POLICY, FlownBy.TOUCH)
+        codes = np.where(dataset["touch_phase"].values >= TouchPhase.HOME, touch, codes)
     if "intervention" not in dataset:
         return codes
     intervened = dataset["intervention"].values > INTERVENTION_TOLERANCE

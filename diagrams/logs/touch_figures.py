@@ -24,7 +24,8 @@ def touch_figures(data: xr.Dataset) -> dict[str, Any]:
     """Gives what touched, where, how, and how it ended; nothing for another flight.
 
     `safe`: it is at home again, and nothing but the head had a force on it. `success`: and it has
-    touched. `touch_aborts` has the name of the reason of each abort, `touch_navigation_error_m` the
+    touched. `touch_policy_share` is that of a learned policy in the steps of the legs that have a
+    plan. `touch_aborts` has the name of the reason of each abort, `touch_navigation_error_m` the
     error of the navigated position at the last step before the touch.
     """
     if "touch_phase" not in data:
@@ -38,8 +39,12 @@ def touch_figures(data: xr.Dataset) -> dict[str, Any]:
     figures["safe"] = home and not attrs["collided"] and attrs["touch_parts_force_n"] == 0.0
     figures["success"] = figures["success_2km"] = touched and figures["safe"]
     figures["touched"] = touched
+    figures["keep_out_violations"] = None  # It has to enter the ellipsoid.
     figures["touch_tries"] = int(np.nanmax(data["touch_tries"].values))
     figures["touch_aborts"] = [AbortReason(int(reason)).name.lower() for reason in reasons]
+    legs = np.isin(phases[:-1], [TouchPhase.CHECKPOINT, TouchPhase.MATCHPOINT, TouchPhase.GROUND])
+    if legs.any() and "touch_by_policy" in data:  # Not before 1.18.
+        figures["touch_policy_share"] = float(data["touch_by_policy"].values[:-1][legs].mean())
     if touched and "navigation_state" in data:
         last = np.searchsorted(data["time"].values, attrs["touch_time_s"]) - 1
         off = (data["navigation_state"] - data["state"]).values[last, :3]

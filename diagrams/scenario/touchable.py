@@ -120,14 +120,16 @@ def _place_text(sites: Sites, k: int) -> str:
 def with_site(scenario: Scenario, body: Body) -> Scenario:
     """The scenario of a touch-and-go with its site as a position, and pointed at it.
 
-    A site that is a position already stays as it is, so that a flight can be repeated bit for bit.
+    Any other scenario is given back. A site that is a position already stays as it is, so that a
+    flight can be repeated bit for bit.
 
     Raises:
       InputError: the spacecraft is a point, or too light for its arm; or no place, or not this one,
         can be touched.
     """
     task, craft = scenario.task, scenario.spacecraft
-    assert isinstance(task, TouchAndGoConfig)
+    if not isinstance(task, TouchAndGoConfig):
+        return scenario
     if not isinstance(craft, RigidBodyConfig):
         raise InputError("a touch-and-go needs a spacecraft of some size: spacecraft: !RigidBody")
     check_arm(craft, task)

@@ -16,7 +16,7 @@ from proxops.diagrams.scenario.keys import set_value, value_at
 from proxops.diagrams.scenario.quantities import KNOWN_ON_THE_DAY
 from proxops.diagrams.scenario.scenario_checks import check_scenario
 from proxops.diagrams.scenario.scenario_config import Scenario, TruthConfig
-from proxops.diagrams.scenario.tasks import MissionConfig, SurveyConfig, TouchAndGoConfig
+from proxops.diagrams.scenario.tasks import MissionConfig, SurveyConfig
 from proxops.diagrams.scenario.tasks import Transit as TransitTask
 from proxops.diagrams.scenario.touchable import with_site
 from proxops.diagrams.scenario.transits import Transit, check_flyable, scenario_transit
@@ -60,9 +60,7 @@ class World:
                 "proxops fly: for a transit, set task: !Transit {}"
             )
         body = (body or load_body(scenario.body)).with_gravity(scenario.gravity)
-        drawn = draw_world(scenario, body)
-        if isinstance(drawn.task, TouchAndGoConfig):
-            drawn = with_site(drawn, body)
+        drawn = with_site(draw_world(scenario, body), body)
         true_body = true_body or make_true_body(body, drawn.truth)
         transit = scenario_transit(drawn, body)
         check_flyable(true_body, transit, drawn)

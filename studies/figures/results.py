@@ -132,7 +132,12 @@ def _mean(name: str, label: str = "", group: str = "flown") -> typing.Any:
 
 
 def _sum(name: str, label: str, text: Text = _WHOLE, **more) -> typing.Any:
-    return _figure(lambda each: each.count(name), label, text, **more)
+    """None if there are flights and none has it."""
+
+    def make(flights: _Flights) -> int | None:
+        return flights.count(name) if flights.values(name) or not flights.flown else None
+
+    return _figure(make, label, text, **more)
 
 
 def _of_trials(
@@ -207,8 +212,23 @@ class Result:
     success_rate_2km_interval: Interval = _of_trials("success_2km", success_interval,
                                                      "95 % interval of that")
     collisions: int = _sum("collided", "collisions", first="safety", good=_none)
-    keep_out_violations: int = _sum("keep_out_violations", "keep-out violations",
-                                    first="safety", good=_none)
+    keep_out_violations: int | None = _sum("keep_out_violations", "keep-out violations",
+                                           first="safety", good=_none)
+    touches: int | None = _sum("touched", "touched", _of_all, first="success", good=_all_or_none)
+    touches_safe: int | None = _sum("safe", "home again, and only the head touched", _of_all,
+                                    first="safety", good=_all_or_none)
+    touch_miss_m_median: Number = _percentile("touch_miss_m", 50, "miss of the site (m)",
+                                              first="accuracy")
+    touch_miss_m_p99: Number = _percentile("touch_miss_m", 99, "miss, 99th percentile (m)")
+    touch_miss_m_max: Number = _percentile("touch_miss_m", 100, "miss, greatest (m)")
+    touch_down_m_s_median: Number = _percentile("touch_down_m_s", 50, "speed down (m/s)")
+    touch_across_m_s_max: Number = _percentile("touch_across_m_s", 100,
+                                               "speed across, greatest (m/s)")
+    touch_tilt_deg_max: Number = _percentile("touch_tilt_deg", 100,
+                                             "arm off the normal, greatest (deg)")
+    touch_later_rate_deg_s_max: Number = _percentile(
+        "touch_later_rate_deg_s", 100, "rate 10 s after the touch, greatest (deg/s)")
+    touch_policy_share: Number = _mean("touch_policy_share", "descent flown by the policy (%)")
     min_clearance_m: Number = _clearance(0, "least clearance of the keep-out ellipsoid")
     min_clearance_m_p1: Number = _clearance(1, "least clearance, 1st percentile")
     min_clearance_m_p10: Number = _clearance(10, "least clearance, 10th percentile")

@@ -11,7 +11,7 @@ import numpy as np
 
 from proxops.diagrams.flight import Row, Workers
 from proxops.diagrams.logs import length_text, three_digits
-from proxops.diagrams.scenario import ArrivalConfig, Scenario, load_body
+from proxops.diagrams.scenario import ArrivalConfig, Scenario, TouchAndGoConfig, load_body
 from proxops.studies.campaigns import Logs
 from proxops.studies.figures import (
     EXPERT,
@@ -89,7 +89,7 @@ def write_evaluation(
     write_worst(out, results, logs)
     body = load_body(scenario.body).config.name
     count = len(next(iter(results.values())).rows)
-    head = [Text(f"{success_text(scenario.arrival)}."), *figure_blocks(results, scenario.arrival)]
+    head = [Text(f"{success_text(scenario)}."), *figure_blocks(results, scenario.arrival)]
     origin = {name: text for name, text in provenance.items() if name != "command"}
     sections = [
         Section(f"{count} transits of seed {seed}", head),
@@ -127,12 +127,14 @@ def evaluation_sections(results: Results, logs: Logs, arrival: ArrivalConfig) ->
     return [section for section in sections if section.blocks]
 
 
-def success_text(arrival: ArrivalConfig) -> str:
+def success_text(scenario: Scenario) -> str:
     """Says what a success is, as the start of a sentence."""
+    arrival, touches = scenario.arrival, isinstance(scenario.task, TouchAndGoConfig)
+    goal = "home" if touches else "the goal"
+    clean = "a touch by the head alone" if touches else "no keep-out violation"
     return (
-        f"Success is arrival within {arrival_text(arrival)} of the goal by "
-        f"{arrival.deadline_s:g} s, to stay there for {arrival.dwell_s:g} s, with no collision and "
-        "no keep-out violation"
+        f"Success is arrival within {arrival_text(arrival)} of {goal} by {arrival.deadline_s:g} s, "
+        f"to stay there for {arrival.dwell_s:g} s, with no collision and {clean}"
     )
 
 

@@ -205,7 +205,7 @@ def _head(findings: Findings) -> list[Block]:
         Text(
             f"{findings.body.config.name}, proxops {metadata.version('proxops')}. Each controller "
             f"flies the same {count} transits of seed {findings.seed}, which nothing was trained "
-            f"on. {success_text(findings.scenario.arrival)}; intervals are exact ones, of 95 %."
+            f"on. {success_text(findings.scenario)}; intervals are exact ones, of 95 %."
         ),
         stage_table(findings.stages),
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from enum import IntEnum
 from typing import NamedTuple
@@ -52,6 +53,11 @@ class HybridConfig:
     # Standard deviations, per axis, of the errors of the state that the MPC gets.
     state_noise_position_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
     state_noise_velocity_m_s: float = number(0.0, at_least=0.0, at_most=1e5, unit="m/s")
+
+    def agreement_gate(self) -> AgreementGate:
+        """The gate with these limits."""
+        kind, angle = GateKind(self.gate), math.radians(self.epsilon_angle_deg)
+        return AgreementGate(kind, self.epsilon_magnitude_n, angle, self.dead_band_n)
 
 
 class FlownBy(IntEnum):

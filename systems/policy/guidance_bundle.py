@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from proxops.systems.common import BundleKind, InputError, Vector3
+from proxops.systems.policy.descent_network import DESCENT_BUNDLE, DescentBundle
 from proxops.systems.policy.guidance_network import GuidanceNetwork
 from proxops.systems.policy.policy_bundle import PolicyBundle
 from proxops.systems.policy.surroundings import NUMBERS, Surroundings
@@ -146,14 +147,16 @@ class GuidanceBundle:
         return found
 
 
-def load_policy(folder: Path) -> PolicyBundle | GuidanceBundle:
-    """Reads the bundle of a policy of either kind.
+def load_policy(folder: Path) -> PolicyBundle | GuidanceBundle | DescentBundle:
+    """Reads the bundle of a policy of any kind.
 
     Raises:
       InputError: see `PolicyBundle.load`.
     """
-    kind = GuidanceBundle if (folder / GUIDANCE_BUNDLE.file).exists() else PolicyBundle
-    return kind.load(folder)
+    for kind, loaded in ((GUIDANCE_BUNDLE, GuidanceBundle), (DESCENT_BUNDLE, DescentBundle)):
+        if (folder / kind.file).exists():
+            return loaded.load(folder)
+    return PolicyBundle.load(folder)
 
 
 def _seen_from(semi_axes: Vector3, equal: float) -> tuple[int, int, int]:

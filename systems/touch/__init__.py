@@ -2,8 +2,8 @@
 
 Start with `map_sites`, which measures the places of a map, and `use_of_limits`, which says which of
 them can be touched. `make_contact_plant` is the spacecraft with its arm on the ground, in Drake's
-MultibodyPlant. `DescentGuidance` leads down to a place, `Mission` says when, and what is checked,
-and `TouchController` is both as a system.
+MultibodyPlant. `DescentGuidance` leads down to a place, or a learned `DescentPolicy` in its place;
+`Mission` says when, and what is checked, and `TouchController` is all of it as a system.
 """
 
 from proxops.systems.touch.contact_plant import (
@@ -16,7 +16,14 @@ from proxops.systems.touch.contact_plant import (
     place_craft,
 )
 from proxops.systems.touch.descent import DescentConfig, DescentGuidance, Site, TouchPhase
-from proxops.systems.touch.mission import AbortReason, AwayConfig, Mission, TouchChecks
+from proxops.systems.touch.descent_policy import DescentPolicy, descent_inputs, site_axes
+from proxops.systems.touch.mission import (
+    AbortReason,
+    AwayConfig,
+    DescentPilot,
+    Mission,
+    TouchChecks,
+)
 from proxops.systems.touch.sites import (
     LIMITS,
     SiteLimits,
@@ -42,6 +49,8 @@ __all__ = [
     "AwayConfig",
     "DescentConfig",
     "DescentGuidance",
+    "DescentPilot",
+    "DescentPolicy",
     "Ground",
     "Mission",
     "Site",
@@ -53,6 +62,7 @@ __all__ = [
     "TouchCraft",
     "TouchPhase",
     "best_sites",
+    "descent_inputs",
     "inertia_without_head",
     "make_contact_plant",
     "map_sites",
@@ -63,6 +73,7 @@ __all__ = [
     "place_below",
     "place_craft",
     "place_near",
+    "site_axes",
     "tangents",
     "use_of_limits",
     "why_not",

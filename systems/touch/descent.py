@@ -162,6 +162,11 @@ class DescentGuidance:
             TouchPhase.CHECKPOINT + np.searchsorted(self._ends, elapsed, side="right")
         )
 
+    def times(self, leg: TouchPhase) -> tuple[float, float]:
+        """When one of the three legs with a plan begins and ends, in s since the descent began."""
+        k = leg - TouchPhase.CHECKPOINT
+        return float(np.r_[0.0, self._ends][k]), float(self._ends[k])
+
     def target(self, leg: TouchPhase) -> State:
         """The state (6,) in m and m/s at the end of a leg, or at rest at home."""
         descent, normal = self.descent, self.site.normal
@@ -187,13 +192,21 @@ class DescentGuidance:
         leg, time = self.leg(elapsed, state), begun + elapsed
         if leg is TouchPhase.TERMINAL:
             return self.steady_force(time, state, -self.descent.speed_m_s)
-        left = self._ends[leg - TouchPhase.CHECKPOINT] - elapsed
+        return self.plan(state, *self.aim(leg, elapsed), time)[0]
+
+    def aim(self, leg: TouchPhase, elapsed: float) -> tuple[State, float]:
+        """Where a leg's plan leads, (6,) in m and m/s, and in which time in s.
+
+        Args:
+          leg: one of the three with a plan. elapsed: time in s since the descent began.
+        """
+        left = self.times(leg)[1] - elapsed
         target = self.target(leg)
         # Shortly before the end the plan goes on beyond it: else centimetres would be mended by
         # velocities that are too great for the gate.
         beyond = max(_SHORTEST * self.descent.settling_s - left, 0.0)
         target[:3] += beyond * target[3:]
-        return self.plan(state, target, left + beyond, time)[0]
+        return target, left + beyond
 
     def steady_force(self, time: float, state: State, speed: float) -> Vector3:
         """The force (3,) in N that takes on a speed in m/s along the normal.

@@ -23,7 +23,9 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.common import Matrix3, SolverFailure, State, Vector3, config, number
+from proxops.systems.hybrid import AgreementGate
 from proxops.systems.touch.descent import DescentGuidance, TouchPhase
+from proxops.systems.touch.descent_policy import DescentPolicy
 
 # Deviations that the navigated position and velocity are taken to be off by, at most.
 _SIGMAS = 4.0
@@ -126,6 +128,8 @@ class Memory(NamedTuple):
     """(6,) as known, or as reckoned from the last that was."""
     since: float = 0.0
     """When the phase began, in s."""
+    agreed: bool = False
+    """Whether policy and program agreed at the last check."""
 
 
 class Step(NamedTuple):
@@ -138,6 +142,18 @@ class Step(NamedTuple):
     """(6,) in m and m/s in K: where the phase leads."""
     stopping: float
     """Least height in m at which an abort now comes to rest, four deviations included."""
+    by_policy: bool
+    """Whether the force is the policy's."""
+
+
+class DescentPilot(NamedTuple):
+    """A policy that flies the legs of a descent in place of the program."""
+
+    policy: DescentPolicy
+    gate: AgreementGate | None = None
+    """The policy flies while it agrees with the program; None: it is never checked."""
+    check_steps: int = 1
+    """Steps from one check to the next."""
 
 
 class Mission:
@@ -150,9 +166,10 @@ class Mission:
         tries: int = 1,
         checks: TouchChecks | None = None,
         away: AwayConfig | None = None,
+        pilot: DescentPilot | None = None,
     ):
-        """Takes the guidance, the control period in s, and how often to try."""
-        self.guidance, self.period, self.tries = guidance, period, tries
+        """Takes the guidance, the control period in s, how often to try, and who flies the legs."""
+        self.guidance, self.period, self.tries, self.pilot = guidance, period, tries, pilot
         self.checks, self.away = checks or TouchChecks(), away or AwayConfig()
 
     def step(self, memory: Memory, seen: Seen) -> Step:
@@ -162,16 +179,20 @@ class Mission:
         if np.isfinite(seen.state).all():
             memory = memory._replace(known=True, state=seen.state)
         memory = self._entered(memory, seen)
-        stopping = self.stopping(memory.state, seen.covariance)
+        stopping, by_policy = self.stopping(memory.state, seen.covariance), False
         try:
-            force = self._force(memory, seen.time)
+            if self.pilot and TouchPhase.HOME < memory.phase < TouchPhase.TERMINAL:
+                force, by_policy, agreed = self._piloted(self.pilot, memory, seen.time)
+                memory = memory._replace(agreed=agreed)
+            else:
+                force = self._force(memory, seen.time)
         except SolverFailure:
             if TouchPhase.HOME < memory.phase < TouchPhase.CONTACT:
                 memory = self._aborted(memory, AbortReason.PLAN, seen.time)
             force = self.guidance.steady_force(seen.time, memory.state, self.away.speed_m_s)
         target = self.guidance.target(memory.phase)
         state = self._reckoned(memory.state, force, seen.time)
-        return Step(memory._replace(state=state), force, target, stopping)
+        return Step(memory._replace(state=state), force, target, stopping, by_policy)
 
     def stopping(self, state: State, covariance: Matrix3 | None) -> float:
         """The least height in m over that of contact at which an abort comes to rest.
@@ -305,6 +326,19 @@ class Mission:
         if phase is TouchPhase.TERMINAL:
             return guidance.steady_force(time, state, -guidance.descent.speed_m_s)
         return guidance.force(time - memory.begun, state, memory.begun)
+
+    def _piloted(
+        self, pilot: DescentPilot, memory: Memory, time: float
+    ) -> tuple[Vector3, bool, bool]:
+        """The force of a leg, whether it is the policy's, and whether the two agreed last."""
+        now = time - memory.begun, memory.state, memory.begun
+        is_check = round(now[0] / self.period) % pilot.check_steps == 0
+        if pilot.gate is None or (memory.agreed and not is_check):
+            return pilot.policy.force(*now), True, memory.agreed
+        planned, agreed = self.guidance.force(*now), False
+        if is_check:
+            agreed = pilot.gate.compare(pilot.policy.force(*now), planned).agrees
+        return planned, False, agreed
 
     def _reckoned(self, state: State, force: Vector3, time: float) -> State:
         """The state (6,) a period later, for steps at which the navigation has none."""

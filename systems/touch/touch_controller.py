@@ -17,16 +17,17 @@ class TouchController(LeafSystem):
     ```
     state (6), m and m/s, K; NaN ─►┌─────────────────┐─► force (3), N, K
     covariance (81) ──────────────►│                 │─► target (6), m and m/s, K
-    ranges, m; +inf ──────────────►│ TouchController │─► record (4)
+    ranges, m; +inf ──────────────►│ TouchController │─► record (5)
     head_force (1), N ────────────►│                 │
     failed (n) ───────────────────►│                 │
     transit_force (3), N, K ──────►└─────────────────┘─► in_transit (1)
     ```
 
     `target` is where the phase leads; `record` has `TouchPhase`, the `AbortReason` of the last
-    abort, the descents begun, and the height in m at which an abort comes to rest. `covariance` and
-    `failed` (1: this thruster was found to have failed) may remain open. Outputs are those of a
-    step at whole multiples of the period. What it remembers is discrete state.
+    abort, the descents begun, the height in m at which an abort comes to rest, and 1 if a learned
+    policy gave the force. `covariance` and `failed` (1: this thruster was found to have failed) may
+    remain open. Outputs are those of a step at whole multiples of the period. What it remembers is
+    discrete state.
 
     With a transit there are `transit_force`, of the controller that flies it, and `in_transit`: 1
     up to the step at which home is reached. It depends on the memory alone, so that it may enable
@@ -68,7 +69,7 @@ class TouchController(LeafSystem):
         self._target = output(
             "target", 6, lambda c, out: out.SetFromVector(self._step.Eval(c).target), depends
         )
-        self._record = output("record", 4, self._calc_record, depends)
+        self._record = output("record", 5, self._calc_record, depends)
         self.DeclarePeriodicDiscreteUpdateEvent(mission.period, 0.0, self._remember)
 
     def logged_ports(self) -> dict[str, LoggedPort]:
@@ -108,23 +109,25 @@ class TouchController(LeafSystem):
     def _calc_record(self, context, output):
         step = self._step.Eval(context)
         memory = step.memory
-        output.SetFromVector([memory.phase, memory.reason, memory.tries, step.stopping])
+        output.SetFromVector(
+            [memory.phase, memory.reason, memory.tries, step.stopping, step.by_policy]
+        )
 
     def _remember(self, context, discrete_state):
         discrete_state.set_value(self._memory, _packed(self._step.Eval(context).memory))
 
 
 def _packed(memory: Memory) -> np.ndarray:
-    """A memory as a vector (15,), so that Drake's discrete state can hold it."""
+    """A memory as a vector (16,), so that Drake's discrete state can hold it."""
     values = memory._asdict()
     state = values.pop("state")
     return np.array([*map(float, values.values()), *state])
 
 
 def _unpacked(vector: np.ndarray) -> Memory:
-    """The memory in a vector (15,)."""
-    phase, reason, tries, touched, begun, home, frame, known, since = vector[:9].tolist()
+    """The memory in a vector (16,)."""
+    phase, reason, tries, touched, begun, home, frame, known, since, agreed = vector[:10].tolist()
     return Memory(
         TouchPhase(int(phase)), AbortReason(int(reason)), int(tries), bool(touched), begun, home,
-        frame, bool(known), vector[9:].copy(), since,
+        frame, bool(known), vector[10:].copy(), since, bool(agreed),
     )  # fmt: skip

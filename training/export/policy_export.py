@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from proxops.systems.common import InputError, open_session
 from proxops.systems.policy import (
+    DESCENT_BUNDLE,
     GUIDANCE_BUNDLE,
     POLICY_BUNDLE,
     POLICY_INPUTS,
@@ -22,7 +23,7 @@ from proxops.systems.policy import (
     run_network,
 )
 from proxops.training.export.onnx_export import accepted_difference, onnx_bytes
-from proxops.training.networks import AnyBodyGuidance
+from proxops.training.networks import AnyBodyGuidance, DescentCorrection
 
 Example = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Consecutive steps from a flight's start: ranges (T, planes * rays) in m, +inf where nothing
@@ -135,3 +136,31 @@ def export_guidance(
         "kernel_difference": accepted_difference(network(examples).numpy(), got),
     }
     GUIDANCE_BUNDLE.write(folder, content, compiled.to_bytes(), text)
+
+
+@torch.no_grad()
+def export_descent(
+    network: DescentCorrection,
+    folder: Path,
+    examples: Tensor,
+    report: dict[str, Any],
+    text: str,
+) -> None:
+    """Exports a descent, checks it, and writes its bundle; an older one is replaced.
+
+    Args:
+      examples: (N, 22) rows on which what flies is run against torch.
+      report: of the training. text: content of `report.md`.
+
+    Raises:
+      InputError: the networks differ by more than 1e-4, or the folder cannot be written.
+    """
+    compiled = network.compiled()
+    got = compiled.correction(examples.numpy())
+    content = {
+        "recipe": report["recipe"],
+        "data_sha256": report["data_sha256"],
+        "metrics": report["training"],
+        "kernel_difference": accepted_difference(network(examples).numpy(), got),
+    }
+    DESCENT_BUNDLE.write(folder, content, compiled.to_bytes(), text)

@@ -3,10 +3,12 @@
 Start with `Pilot`, which is end-to-end: from lidar frames to force. Its parts are `HitSelection`,
 `CoarsePosition`, `GeometryLayer` (with the `SurfaceField` that it learns), `StateFilter` (with the
 `Motion`) and `Guidance`. `AnyBodyGuidance` flies at any body of a family, from state and goal to
-force. `PaperPolicy` is the paper's: convolutions, an LSTM and a perceptron.
+force, and `DescentCorrection` corrects the law of a descent. `PaperPolicy` is the paper's:
+convolutions, an LSTM and a perceptron.
 """
 
 from proxops.training.networks.coarse_position import CoarsePosition
+from proxops.training.networks.descent import DescentCorrection
 from proxops.training.networks.geometry_layer import GeometryLayer
 from proxops.training.networks.guidance import AnyBodyGuidance, Guidance
 from proxops.training.networks.lidar_hits import HitSelection
@@ -31,6 +33,7 @@ __all__ = [
     "PILOT_FILE",
     "AnyBodyGuidance",
     "CoarsePosition",
+    "DescentCorrection",
     "GeometryLayer",
     "Guidance",
     "HitSelection",

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from proxops.assets import ASSETS
 from proxops.diagrams.flight import fly, make_simulator, make_transit_diagram
 from proxops.diagrams.flight.touching import TouchMotion
-from proxops.diagrams.logs import FlightLog, fallback_steps
+from proxops.diagrams.logs import FlightLog, all_flown_by, fallback_steps
 from proxops.diagrams.scenario import (
     RigidBodyConfig,
     Scenario,
@@ -18,6 +19,7 @@ from proxops.diagrams.scenario import (
     touch_site,
     with_site,
 )
+from proxops.systems import FlownBy
 from proxops.systems.common import InputError
 from proxops.systems.touch import TouchPhase
 
@@ -56,7 +58,8 @@ def low(**changes: object) -> Scenario:
         ({"task.site": [1.0]}, "mpc", "task.site: give LAT,LON in degrees or X,Y,Z"),
         ({"task.limits.slope_deg": 0.1}, "mpc", "no place of Bennu can be touched, most for"),
         ({"spacecraft": {"_tag": "!PointMass"}}, "mpc", "spacecraft: !RigidBody"),
-        ({}, "policy", "'policy' flies transits"),
+        ({}, "pd", "'pd' flies transits: a touch-and-go is flown by mpc, policy or hybrid"),
+        ({}, f"policy:{ASSETS / 'any_body'}", "is not the bundle of a descent"),
         ({"task.descent.home_m": 5.0}, "mpc", "must fall"),
         ({"task.transit": True}, "mpc", r"home, 9 m .* too near for a transit"),
         (
@@ -163,6 +166,21 @@ def test_one_log_without_a_gap(touched: FlightLog) -> None:
 def test_it_flies_again_bit_for_bit(touched: FlightLog) -> None:
     again = fly(touched.scenario)
     np.testing.assert_array_equal(again.dataset["state"].values, touched.dataset["state"].values)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("controller", "share"), [("policy", 1.0), ("hybrid", 0.5)])
+def test_a_policy_flies_the_legs(controller: str, share: float) -> None:
+    """The hybrid asks the program at each tenth step, and at the first."""
+    log = fly(low(), controller)
+    found, data = log.summary, log.dataset
+    legs = np.isin(data["touch_phase"].values[:-1], [1, 2, 3])
+    assert found["success"]
+    assert found["touch_miss_m"] < 0.1
+    assert found["touch_policy_share"] == data["touch_by_policy"].values[:-1][legs].mean()
+    assert share <= found["touch_policy_share"] <= (1.0 if controller == "policy" else 0.9)
+    assert not data["touch_by_policy"].values[:-1][~legs].any()
+    assert {FlownBy.POLICY, FlownBy.TOUCH} <= {*all_flown_by(data)}
 
 
 @pytest.mark.slow

@@ -45,8 +45,8 @@ SOMETIMES = (
     "decision_time", "intervention", "intervention_reason", "thrust", "mass", "attitude",
     *NAVIGATION_COLUMNS, *RIGID_COLUMNS,
     "navigation_return_use", "assurance_margin", "assurance_position", "assurance_velocity",
-    "touch_phase", "touch_abort", "touch_tries", "touch_stopping_height", "contact_force",
-    "parts_force", "arm_stroke",
+    "touch_phase", "touch_abort", "touch_tries", "touch_stopping_height", "touch_by_policy",
+    "contact_force", "parts_force", "arm_stroke",
 )  # fmt: skip
 AXES = np.array([140e3, 70e3, 65e3])
 

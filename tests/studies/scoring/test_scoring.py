@@ -80,11 +80,13 @@ def test_tracks_are_what_was_drawn(name: str) -> None:
     kept = dc.replace(track, changes=track.changes[:2])
     for one, other in zip(drawn.flights("zero"), kept.flights("zero"), strict=True):
         expected = values(other)
-        # Since 1.14 a rigid spacecraft is told its star tracker's error, since 1.15 its noise, and
-        # since 1.17 a point its least impulse.
+        # Since 1.14 a rigid spacecraft is told its star tracker's error, since 1.15 its noise, since
+        # 1.17 a point its least impulse; since 1.18 the shipped touch-and-go has a hybrid's gate.
         attitude = ("attitude_deg", "attitude_noise_deg", "attitude_noise_correlation_s")
         parts = {"touch": attitude, "lidar-after-survey": ("least_impulse_n_s",)}.get(name, ())
-        told = {key: expected[key] for key in map(".navigation.expected.{}".format, parts)}
+        keys = [f".navigation.expected.{part}" for part in parts]
+        keys += [".hybrid.epsilon_magnitude_n", ".hybrid.dead_band_n"] if name == "touch" else []
+        told = {key: expected[key] for key in keys}
         assert values(one) | told == pytest.approx(expected)
     assert len({json.dumps(change, sort_keys=True) for change in track.changes}) == many
 

@@ -5,10 +5,13 @@ import pytest
 from even_field import EvenField
 from scipy.integrate import solve_ivp
 
+from proxops.systems.hybrid import AgreementGate
 from proxops.systems.rotation import SteadySpin
 from proxops.systems.touch.descent import DescentGuidance, Site, TouchPhase
+from proxops.systems.touch.descent_policy import DescentPolicy
 from proxops.systems.touch.mission import (
     AbortReason,
+    DescentPilot,
     Memory,
     Mission,
     Seen,
@@ -20,10 +23,14 @@ UP, PULL, MASS, THRUST, PERIOD = np.array([0.0, 0.0, 1.0]), 5e-5, 1400.0, 6.0, 4
 SURE = np.diag([0.1, 0.1, 0.1, 0.002, 0.002, 0.002]) ** 2
 
 
-def mission(tries: int = 1) -> Mission:
+def guidance() -> DescentGuidance:
     """To the ground z = 0, which does not turn."""
     field, spin = EvenField([0.0, 0.0, -PULL]), SteadySpin(np.zeros(3))
-    return Mission(DescentGuidance(field, spin, MASS, THRUST, Site(np.zeros(3), UP)), PERIOD, tries)
+    return DescentGuidance(field, spin, MASS, THRUST, Site(np.zeros(3), UP))
+
+
+def mission(tries: int = 1, pilot: DescentPilot | None = None) -> Mission:
+    return Mission(guidance(), PERIOD, tries, pilot=pilot)
 
 
 def moved(state: np.ndarray, force: np.ndarray, step: float = PERIOD) -> np.ndarray:
@@ -40,12 +47,14 @@ class Flown:
 
     def __init__(self, made: Mission, changes=lambda time, phase: {}, latest: float = 2400.0):
         self.phases, self.memory, self.lowest = [TouchPhase.HOME], Memory(), np.inf
+        self.steps: list[tuple[TouchPhase, bool]] = []
         state, time = np.r_[15.0, 0.0, 125.0, np.zeros(3)], 0.0
         head = 0.0
         while time < latest:
             extra = {"head": head, **changes(time, self.memory.phase)}
             step = made.step(self.memory, seen(time, state)._replace(**extra))
             self.memory, self.step = step.memory, step
+            self.steps.append((self.memory.phase, step.by_policy))
             if self.memory.phase is not self.phases[-1]:
                 self.phases.append(self.memory.phase)
             state, time, head = moved(state, step.force), time + PERIOD, 0.0
@@ -61,6 +70,32 @@ def test_down_and_home_again() -> None:
     assert flown.memory.touched
     np.testing.assert_allclose(flown.state, np.r_[0.0, 0.0, 125.0, np.zeros(3)], atol=0.01)
     np.testing.assert_allclose(flown.step.target, np.r_[0.0, 0.0, 125.0, np.zeros(3)])
+
+
+class Learned(DescentPolicy):
+    """The program with an error in N along x, in place of a network."""
+
+    def __init__(self, error: float):
+        self.program, self.error, self.asked = guidance(), error, 0
+
+    def force(self, elapsed: float, state: np.ndarray, begun: float = 0.0) -> np.ndarray:
+        self.asked += 1
+        return self.program.force(elapsed, state, begun) + [self.error, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("gate", "error", "share"), [(None, 0.01, 1.0), (0.02, 0.01, 0.8), (0.02, 0.03, 0.0)]
+)
+def test_a_policy_flies_while_it_agrees(gate: float | None, error: float, share: float) -> None:
+    """Checked at each fifth step, when the program's force acts."""
+    policy = Learned(error)
+    compared = None if gate is None else AgreementGate(magnitude=gate, angle=0.0, dead_band=0.0)
+    flown = Flown(mission(pilot=DescentPilot(policy, compared, 5)))
+    legs = [by for phase, by in flown.steps if TouchPhase.HOME < phase < TouchPhase.TERMINAL]
+    assert flown.phases == [0, 1, 2, 3, 4, 5, 6, 0]
+    assert np.mean(legs) == pytest.approx(share, abs=0.01)
+    assert sum(by for _, by in flown.steps) == sum(legs)
+    assert policy.asked == pytest.approx(len(legs) * (0.2 if share == 0.0 else 1.0), abs=2)
 
 
 def test_a_transit_ends_at_home_and_not_before_it_is_slow() -> None:

@@ -1,0 +1,36 @@
+"""`DescentCorrection`: what a network adds to the law of a descent, as it is trained."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from proxops.systems.policy import DESCENT_INPUTS, DescentNetwork
+
+
+class DescentCorrection(nn.Module):
+    """The same function as `DescentNetwork`, which flies without torch; nothing at first."""
+
+    def __init__(self, width: int):
+        """Takes the width of both layers."""
+        super().__init__()
+        self.layers = nn.ModuleList(
+            [nn.Linear(DESCENT_INPUTS, width), nn.Linear(width, width), nn.Linear(width, 3)]
+        )
+        with torch.no_grad():
+            for weights in self.layers[-1].parameters():
+                weights.zero_()
+
+    def forward(self, given: Tensor) -> Tensor:
+        """Corrections (B, 3) for rows (B, 22) of `descent_inputs`."""
+        hidden, (*inner, last) = given.asinh(), self.layers
+        for layer in inner:
+            hidden = nn.functional.silu(layer(hidden))
+        return last(hidden)
+
+    @torch.no_grad()
+    def compiled(self) -> DescentNetwork:
+        """What flies."""
+        parts = [part for layer in self.layers for part in (layer.weight, layer.bias)]
+        return DescentNetwork(*(np.array(part.numpy(force=True)) for part in parts))
