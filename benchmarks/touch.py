@@ -1,38 +1,41 @@
 """Touch-and-goes at Bennu by the product's own flights: `task: !TouchAndGo`, lidar navigation.
 
     python benchmarks/touch.py --flights 24
+    python benchmarks/touch.py --flights 24 --controller hybrid
     python benchmarks/touch.py --flights 10 --failure frames
     python benchmarks/touch.py --scenario bennu_mission --dispersions mission --flights 10
 
 Each flies the scenario `bennu_touch_and_go` in a world of its own, drawn from `touch_and_go`, with
 one of `FAILURES` if it is asked for. A mission makes its map first.
-Run the command again to continue after an interruption: missions in `--out` are not flown twice.
+Run the command again to continue after an interruption: what has a summary in `--out` is not flown
+twice.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses as dc
 import json
-import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from proxops.diagrams.flight import fly
+from proxops.diagrams.flight import Workers, fly
 from proxops.diagrams.scenario import (
-    Body,
     MissionConfig,
     Scenario,
     dispersion_entries,
     load_body,
     load_scenario,
+    of_transit,
     with_site,
 )
 from proxops.diagrams.surveys import run_mission
 from proxops.diagrams.yaml_files import write_yaml
-from proxops.systems.common import InputError, generator, write_json
+from proxops.systems.common import InputError, generator, make_folder, write_json
 
 # What is told of each touch: the key of the summary, its name, and its factor.
 FIGURES = {
@@ -49,6 +52,7 @@ FIGURES = {
     "touch_again": ("second touches", 1.0),
     "delta_v_m_s": ("delta-v, home again (m/s)", 1.0),
     "navigation_consistent": ("navigation in 3 sigma", 1.0),
+    "touch_policy_share": ("by the policy (%)", 100.0),
     # Of a mission's survey.
     "survey_map_rms_of_size": ("map, rms over its size (%)", 100.0),
     "survey_gravity_error": ("GM off (%)", 100.0),
@@ -77,6 +81,35 @@ FAILURES: dict[str, dict[str, Any]] = {
 BESIDE = 1.0
 
 
+@dc.dataclass(frozen=True)
+class Wanted:
+    """A touch-and-go or a mission of a world of its own."""
+
+    name: str
+    scenario: Scenario
+    controller: str
+    folder: Path
+    """For its summary, and for all that a mission writes."""
+
+    def flown(self) -> dict[str, Any]:
+        """Its summary; it is flown once a folder."""
+        path = self.folder / "summary.json"
+        if not path.is_file():
+            make_folder(self.folder)
+            write_json(path, self._summary())
+        return json.loads(path.read_text(encoding="utf-8"))
+
+    def _summary(self) -> dict[str, Any]:
+        body = load_body(self.scenario.body)
+        try:
+            if not isinstance(self.scenario.task, MissionConfig):
+                return fly(self.scenario, self.controller, body=body).summary
+            surveyed, log = run_mission(self.scenario, body, self.folder)
+        except InputError as error:
+            return {"refused": str(error)}
+        return log.summary | {f"survey_{name}": x for name, x in surveyed.figures.items()}
+
+
 def main() -> None:
     """Flies and prints."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -84,63 +117,55 @@ def main() -> None:
     parser.add_argument("--dispersions", default="touch_and_go")
     parser.add_argument("--flights", type=int, default=24)
     parser.add_argument("--seed", type=int, default=10000)
+    parser.add_argument("--controller", default="mpc", help="of descents: mpc, policy or hybrid")
     parser.add_argument("--failure", choices=FAILURES, help="what goes wrong in each flight")
-    parser.add_argument("--out", type=Path, default=Path("out/missions"), help="of missions")
+    parser.add_argument("--out", type=Path, default=Path("out/touches"))
     parser.add_argument("--set", action="append", default=[], help="KEY=VALUE of the scenario")
-    parser.add_argument("--minutes", type=float, default=np.inf, help="no new flight after it")
+    parser.add_argument("--workers", type=int, help="processes; as many as cores, if not given")
     asked = parser.parse_args()
-    if asked.failure is None:
-        fly_all(asked, asked.dispersions)
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "failures.yaml")
-        rows = dispersion_entries(asked.dispersions) | FAILURES[asked.failure]
-        path.write_text(write_yaml(rows))
-        fly_all(asked, str(path))
-
-
-def fly_all(asked: argparse.Namespace, dispersions: str) -> None:
-    """Flies all that is asked for, in worlds of dispersions."""
+    make_folder(asked.out)
+    dispersions = asked.dispersions
+    if asked.failure is not None:
+        path = asked.out / f"{asked.failure}.yaml"
+        path.write_text(write_yaml(dispersion_entries(dispersions) | FAILURES[asked.failure]))
+        dispersions = str(path)
     scenario = load_scenario(
         asked.scenario, [f"dispersions={dispersions}", "log_ranges=false", *asked.set]
     )
-    body, began, found = load_body(scenario.body), time.process_time(), []
-    is_mission = isinstance(scenario.task, MissionConfig)
-    for index in range(asked.flights):
-        if time.process_time() - began > 60.0 * asked.minutes:
-            break
-        scenario.transit.seed, scenario.transit.index = asked.seed, index
-        if asked.failure == "boulder":
-            site = np.array(with_site(scenario, body).task.site)
-            beside = generator(asked.seed, index, 4).uniform(-BESIDE, BESIDE, 3)
-            scenario.truth.boulders.lone_at_m = (site + beside).tolist()
-        try:
-            if is_mission:
-                summary = flown_mission(scenario, body, asked.out / f"{asked.seed}-{index}")
-            else:
-                summary = fly(scenario, body=body).summary
-        except InputError as error:
-            print(f"flight {index}: {error}", flush=True)
-            continue
-        found.append(summary)
-        figures = [f"{key[6:]} {summary[key]:.3g}" for key in list(FIGURES)[:3] if key in summary]
-        told = "safe" if summary["safe"] else "NOT SAFE"
-        parts = f"{summary['touch_parts_force_n']:.3g} N on bus and panels"
-        aborts = f"aborts {summary['touch_aborts']}"
-        print(f"flight {index}: {told}, {parts}, {aborts}, {', '.join(figures)}", flush=True)
+    scenario = with_site(scenario, load_body(scenario.body))
+    kind = asked.failure or asked.controller
+    pieces = [
+        Wanted(f"{asked.seed}-{k}", one, asked.controller, asked.out / f"{kind}-{asked.seed}-{k}")
+        for k, one in enumerate(worlds(scenario, asked))
+    ]
+    began, found = time.monotonic(), []
+    for name, summary in Workers(asked.workers).results(pieces, Wanted.flown):
+        print(f"flight {name}: {_told(summary)}", flush=True)
+        if "refused" not in summary:
+            found.append(summary)
     _print(found)
-    spent = (time.process_time() - began) / max(len(found), 1)
-    print(f"seed {asked.seed}: {spent:.0f} s of processor a flight")
+    print(f"{time.monotonic() - began:.0f} s, without the flights that were flown before")
 
 
-def flown_mission(scenario: Scenario, body: Body, folder: Path) -> dict[str, Any]:
-    """The summary of a mission's flight, with that of its survey; it is flown once a folder."""
-    path = folder / "summary.json"
-    if not path.is_file():
-        surveyed, log = run_mission(scenario, body, folder)
-        write_json(path, log.summary | {"survey": surveyed.figures})
-    summary = json.loads(path.read_text(encoding="utf-8"))
-    return summary | {f"survey_{name}": value for name, value in summary["survey"].items()}
+def worlds(scenario: Scenario, asked: argparse.Namespace) -> Iterator[Scenario]:
+    """The scenario of each flight."""
+    for index in range(asked.flights):
+        flown = of_transit(scenario, asked.seed, index)
+        if asked.failure == "boulder":
+            beside = generator(asked.seed, index, 4).uniform(-BESIDE, BESIDE, 3)
+            at = (np.array(scenario.task.site) + beside).tolist()
+            boulders = dc.replace(flown.truth.boulders, lone_at_m=at)
+            flown = dc.replace(flown, truth=dc.replace(flown.truth, boulders=boulders))
+        yield flown
+
+
+def _told(summary: dict[str, Any]) -> str:
+    if "refused" in summary:
+        return summary["refused"]
+    figures = [f"{key[6:]} {summary[key]:.3g}" for key in list(FIGURES)[:3] if key in summary]
+    safe = "safe" if summary["safe"] else "NOT SAFE"
+    parts = f"{summary['touch_parts_force_n']:.3g} N on bus and panels"
+    return f"{safe}, {parts}, aborts {summary['touch_aborts']}, {', '.join(figures)}"
 
 
 def _print(found: list[dict]) -> None:

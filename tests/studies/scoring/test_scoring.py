@@ -80,8 +80,8 @@ def test_tracks_are_what_was_drawn(name: str) -> None:
     kept = dc.replace(track, changes=track.changes[:2])
     for one, other in zip(drawn.flights("zero"), kept.flights("zero"), strict=True):
         expected = values(other)
-        # Since 1.14 a rigid spacecraft is told its star tracker's error, since 1.15 its noise, since
-        # 1.17 a point its least impulse; since 1.18 the shipped touch-and-go has a hybrid's gate.
+        # Since 1.14 a rigid spacecraft is told its star tracker's error, since 1.15 its noise, and
+        # since 1.17 a point its least impulse; since 1.18 a touch-and-go has a hybrid's gate.
         attitude = ("attitude_deg", "attitude_noise_deg", "attitude_noise_correlation_s")
         parts = {"touch": attitude, "lidar-after-survey": ("least_impulse_n_s",)}.get(name, ())
         keys = [f".navigation.expected.{part}" for part in parts]
