@@ -27,9 +27,12 @@ from proxops.cli.common import (
     with_dispersions,
     work_bar,
 )
-from proxops.diagrams.flight import Workers, made_with, named_controller
+from proxops.diagrams.flight import Row, Workers, made_with, named_controller
 from proxops.diagrams.scenario import (
     ArrivalConfig,
+    Body,
+    Scenario,
+    SurveyConfig,
     load_body,
     load_scenario,
     of_transit,
@@ -70,6 +73,8 @@ def evaluate_command(
 ) -> None:
     """Fly a set of transits with each controller; write results.json, report.html and report.md.
 
+    Surveys, touch-and-goes and missions likewise, if the scenario's task is one.
+
     policy:BUNDLE flies the policy of that folder; pd:BUNDLE flies a PD controller on the state that
     this policy estimates. Run it again to continue after an interruption: no flight is flown twice.
 
@@ -78,11 +83,13 @@ def evaluate_command(
       proxops evaluate --controllers mpc --transits 50 --seed 10000 --out out/mpc
 
       proxops evaluate --controllers mpc,policy:out/paper-policy/bundle,pd,zero --transits 50
+
+      proxops evaluate bennu_mission --dispersions mission --controllers hybrid --transits 8
     """
     # matplotlib is slow to import.
-    from proxops.studies.campaigns import Variant, describe_flight, fly_variants
+    from proxops.studies.campaigns import fly_tasks, makes_a_map
     from proxops.studies.figures import aggregate_all
-    from proxops.studies.report import may_be_shown, write_evaluation
+    from proxops.studies.report import write_evaluation
 
     names = [name.strip() for name in controllers.split(",") if name.strip()]
     if not names or len(set(names)) != len(names):
@@ -93,24 +100,27 @@ def evaluate_command(
     # Errors are reported now, before workers and folders exist.
     body = load_body(wanted.body)
     wanted = with_site(wanted, body)
-    for name in names:
-        named_controller(name, wanted, body)
-    print_remarks(wanted, body)
-    for index in range(min(transits, 2)):  # One clear transit and one blocked transit.
-        scenario_transit(of_transit(wanted, seed, index), body)
+    if isinstance(wanted.task, SurveyConfig):
+        names = ["survey"]
+        wanted = dc.replace(wanted, dispersions=wanted.dispersions or "first_look")
+    else:
+        for name in names:
+            named_controller(name, wanted, body)
+        print_remarks(wanted, body)
     with work_bar("preparing the flights") as progress:
-        rows = fly_variants(
-            [Variant(name, name) for name in names], wanted, seed, transits, out / "flights",
-            keep_logs=keep_logs or may_be_shown, describe=describe_flight,
-            workers=Workers(workers, scheduler, progress),
-        )  # fmt: skip
-    if any(row.get("dispersed") for group in rows.values() for row in group):
-        status.print("Ranking what drives failure")  # Some seconds for each controller.
+        fleet = Workers(workers, scheduler, progress)
+        if makes_a_map(wanted):
+            rows = fly_tasks(wanted, names, seed, transits, out / "flights", fleet)
+        else:
+            rows = _flown(wanted, body, names, seed, transits, out / "flights", keep_logs, fleet)
+    status.print("Aggregating")  # With dispersions, some seconds for each controller.
     results = aggregate_all(rows)
     origin = {"command": typed_command(), **made_with()}
     entries = {name: dc.asdict(each) for name, each in results.items()}
     write_json(out / "results.json", {"provenance": origin, "controllers": entries})
-    console.print(_first_figures(f"{transits} transits of seed {seed}", results, wanted.arrival))
+    surveys = isinstance(wanted.task, SurveyConfig)
+    title = f"{transits} {'surveys' if surveys else 'transits'} of seed {seed}"
+    console.print(_first_figures(title, results, None if surveys else wanted.arrival))
     with work_bar("writing the report") as progress:
         write_evaluation(
             out, results, wanted, seed, provenance=origin,
@@ -119,7 +129,23 @@ def evaluate_command(
     status.print(f"Wrote results.json, report.html and report.md in {out}")
 
 
-def _first_figures(title: str, results: Results, arrival: ArrivalConfig) -> Table:
+def _flown(
+    wanted: Scenario, body: Body, names: list[str], seed: int, transits: int, folder: Path,
+    keep_logs: bool, workers: Workers,
+) -> dict[str, list[Row]]:  # fmt: skip
+    """The rows of transits or touch-and-goes by each controller."""
+    from proxops.studies.campaigns import Variant, describe_flight, fly_variants  # As above.
+    from proxops.studies.report import may_be_shown
+
+    for index in range(min(transits, 2)):  # One clear transit and one blocked transit.
+        scenario_transit(of_transit(wanted, seed, index), body)
+    return fly_variants(
+        [Variant(name, name) for name in names], wanted, seed, transits, folder,
+        keep_logs=keep_logs or may_be_shown, describe=describe_flight, workers=workers,
+    )  # fmt: skip
+
+
+def _first_figures(title: str, results: Results, arrival: ArrivalConfig | None) -> Table:
     """The table of the first ten figures; the report has all."""
     from proxops.studies.figures import figure_rows  # It is slow to import.
 

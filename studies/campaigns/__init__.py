@@ -1,8 +1,9 @@
 """What is flown: variants of controllers on the same transits, and the table of campaigns.
 
 Start with `fly_variants`, which flies any number of controllers and settings on one set of
-transits, then read `all_campaigns`, the table of what goes beyond the paper. A new campaign is one
-entry there. `Stages` is the one way in which a long study goes on after an interruption.
+transits, and `fly_tasks`, which flies many surveys or missions; then read `all_campaigns`, the
+table of what goes beyond the paper. A new campaign is one entry there. `Stages` is the one way in
+which a long study goes on after an interruption.
 """
 
 from proxops.studies.campaigns.describing import describe_flight, describe_steps
@@ -23,6 +24,7 @@ from proxops.studies.campaigns.table import (
     all_campaigns,
     campaign_name,
 )
+from proxops.studies.campaigns.tasks import fly_tasks, makes_a_map
 from proxops.studies.campaigns.variants import (
     Logs,
     Variant,
@@ -54,7 +56,9 @@ __all__ = [
     "flown_campaign",
     "fly_campaign",
     "fly_logs",
+    "fly_tasks",
     "fly_variants",
     "load_logs",
+    "makes_a_map",
     "variant_flights",
 ]

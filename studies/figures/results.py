@@ -94,6 +94,7 @@ def _none(value: int, _: Result) -> bool:
 
 _WHOLE, _SECONDS, _RATIO = _fixed("d", 1), _fixed(".0f"), _fixed(".3f")
 _PERCENT, _MILLISECONDS = _fixed(".1f", 100.0), _fixed(".2f")
+_SHARE = _fixed(".3g", 100.0)
 
 
 class _Shown(typing.NamedTuple):
@@ -143,7 +144,11 @@ def _sum(name: str, label: str, text: Text = _WHOLE, **more) -> typing.Any:
 def _of_trials(
     name: str, make: Callable[[int, int], typing.Any], label="", text=_interval, **more
 ) -> typing.Any:
-    return _figure(lambda each: make(each.count(name), len(each.flown)), label, text, **more)
+    def made(flights: _Flights) -> typing.Any:
+        known = flights.values(name) or not flights.flown
+        return make(flights.count(name), len(flights.flown)) if known else None
+
+    return _figure(made, label, text, **more)
 
 
 def _clearance(percent: float, label: str) -> typing.Any:
@@ -164,6 +169,10 @@ def _arrival(percent: float, label: str, **more) -> typing.Any:
 
 def _navigation(name: str, label: str = "", text: Text = _digits, **more) -> typing.Any:
     return _percentile(f"navigation_{name}", 50, label, text, "settled", **more)
+
+
+def _survey(name: str, percent: float, label: str, text: Text = _SHARE, **more) -> typing.Any:
+    return _percentile(f"survey_{name}", percent, label, text, **more)
 
 
 def _rate(successes: int, trials: int) -> Number:
@@ -214,6 +223,8 @@ class Result:
     collisions: int = _sum("collided", "collisions", first="safety", good=_none)
     keep_out_violations: int | None = _sum("keep_out_violations", "keep-out violations",
                                            first="safety", good=_none)
+    ended_early: int = _figure(lambda each: sum("ended_early" in row for row in each.flown),
+                               "ended early", _if_any, good=_none)
     touches: int | None = _sum("touched", "touched", _of_all, first="success", good=_all_or_none)
     touches_safe: int | None = _sum("safe", "home again, and only the head touched", _of_all,
                                     first="safety", good=_all_or_none)
@@ -229,6 +240,23 @@ class Result:
     touch_later_rate_deg_s_max: Number = _percentile(
         "touch_later_rate_deg_s", 100, "rate 10 s after the touch, greatest (deg/s)")
     touch_policy_share: Number = _mean("touch_policy_share", "descent flown by the policy (%)")
+    survey_map_rms_of_size_median: Number = _survey("map_rms_of_size", 50,
+                                                    "map, rms over the size (%)", first="map")
+    survey_map_rms_of_size_max: Number = _survey("map_rms_of_size", 100, "map, greatest (%)",
+                                                 first="map")
+    survey_within_3_sigma_min: Number = _survey("within_3_sigma", 0,
+                                                "surface within 3 sigma, least (%)", first="map")
+    survey_gravity_error_median: Number = _survey("gravity_error", 50, "GM off (%)", first="map")
+    survey_gravity_error_max: Number = _survey("gravity_error", 100, "GM off, greatest (%)")
+    survey_pole_error_deg_max: Number = _survey("pole_error_deg", 100,
+                                                "pole off, greatest (deg)", _digits)
+    survey_rate_error_max: Number = _survey("rate_error", 100, "spin rate off, greatest (%)")
+    survey_hours_median: Number = _survey("hours", 50, "survey in orbit (h)", _digits)
+    survey_delta_v_m_s_median: Number = _survey("delta_v_m_s", 50, "survey, Δv (m/s)", _digits,
+                                                first="map")
+    survey_delta_v_m_s_max: Number = _survey("delta_v_m_s", 100, "survey, Δv, greatest (m/s)",
+                                             _digits)
+    survey_wall_s_median: Number = _survey("wall_s", 50, "survey, computed in (s)", _SECONDS)
     min_clearance_m: Number = _clearance(0, "least clearance of the keep-out ellipsoid")
     min_clearance_m_p1: Number = _clearance(1, "least clearance, 1st percentile")
     min_clearance_m_p10: Number = _clearance(10, "least clearance, 10th percentile")
@@ -345,7 +373,7 @@ def aggregate(rows: Sequence[Row], expert: Sequence[Row] | None = None) -> Resul
 
 _SHOWN_FIELDS = [field for field in dc.fields(Result) if field.metadata]
 # What a stranger asks first, and all else.
-_GROUPS = ("success", "safety", "propellant", "accuracy", "navigation", "time", "")
+_GROUPS = ("success", "safety", "map", "propellant", "accuracy", "navigation", "time", "")
 # By the start of a field's name.
 _NOTES = {
     "success_rate_interval": "Where no other is named, a figure is the median over flights. The "
@@ -378,8 +406,10 @@ def aggregate_all(groups: Mapping[str, Sequence[Row]]) -> dict[str, Result]:
         name: aggregate(rows, None if name == EXPERT else expert) for name, rows in groups.items()
     }
     for name, result in results.items():
-        if any(row.get("dispersed") for row in result.flights):
-            ranked = rank_drivers(result.flights)
+        # A survey has no end, and a mission that ended early none either.
+        ended = [row for row in result.flights if "terminal_position_error_m" in row]
+        if any(row.get("dispersed") for row in ended):
+            ranked = rank_drivers(ended)
             drivers = {output: told_from_chance(each) for output, each in ranked.items() if each}
             results[name] = dc.replace(result, sensitivity=ranked, drivers=drivers)
     return results
@@ -414,12 +444,14 @@ class FigureRow(typing.NamedTuple):
     """Sentences that explain the figure."""
 
 
-def figure_rows(results: Results, arrival: ArrivalConfig) -> list[FigureRow]:
+def figure_rows(results: Results, arrival: ArrivalConfig | None) -> list[FigureRow]:
     """Makes the table's lines: the first ten figures in their groups, then all others.
 
-    Lines without a figure are left out.
+    Lines without a figure are left out. `arrival` is None where nothing is to arrive.
     """
-    limits = {"near": arrival_text(arrival), "wide": arrival_text(arrival, WIDE_ARRIVAL)}
+    limits = {}
+    if arrival is not None:
+        limits = {"near": arrival_text(arrival), "wide": arrival_text(arrival, WIDE_ARRIVAL)}
     figures = [(field.name, field.metadata["shown"]) for field in _SHOWN_FIELDS]
     lines = []
     for name, figure in sorted(figures, key=lambda each: _GROUPS.index(each[1].first)):
@@ -430,7 +462,9 @@ def figure_rows(results: Results, arrival: ArrivalConfig) -> list[FigureRow]:
                 figure.good(*each) if figure.good and each[1].transits else None for each in values
             ]
             notes = [note for start, note in _NOTES.items() if name.startswith(start)]
-            label = figure.label.format(**limits)
+            label = (
+                figure.label.format(**limits) if limits else figure.label.partition(" (within")[0]
+            )
             lines.append(FigureRow(figure.first, label, cells, good, notes))
     return [line for line in lines if any(cell != DASH for cell in line.cells)]
 

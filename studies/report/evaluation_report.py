@@ -11,8 +11,15 @@ import numpy as np
 
 from proxops.diagrams.flight import Row, Workers
 from proxops.diagrams.logs import length_text, three_digits
-from proxops.diagrams.scenario import ArrivalConfig, Scenario, TouchAndGoConfig, load_body
-from proxops.studies.campaigns import Logs
+from proxops.diagrams.scenario import (
+    ArrivalConfig,
+    MissionConfig,
+    Scenario,
+    SurveyConfig,
+    TouchAndGoConfig,
+    load_body,
+)
+from proxops.studies.campaigns import Logs, makes_a_map
 from proxops.studies.figures import (
     EXPERT,
     LEAST_FLIGHTS,
@@ -56,6 +63,7 @@ from proxops.training.reports import (
     Section,
     Table,
     Text,
+    number_text,
     picture,
     write_report,
 )
@@ -85,15 +93,20 @@ def write_evaluation(
         has no log is flown again.
       provenance: the command as it was typed, and what else tells where the results come from.
     """
-    logs = shown_logs(results, scenario, seed, out / "flights", workers)
-    write_worst(out, results, logs)
     body = load_body(scenario.body).config.name
     count = len(next(iter(results.values())).rows)
-    head = [Text(f"{success_text(scenario)}."), *figure_blocks(results, scenario.arrival)]
+    arrival = None if isinstance(scenario.task, SurveyConfig) else scenario.arrival
+    head = [Text(f"{success_text(scenario)}."), *figure_blocks(results, arrival)]
     origin = {name: text for name, text in provenance.items() if name != "command"}
+    if makes_a_map(scenario):
+        more = [Section("One by one", _tasks(results))]
+    else:
+        logs = shown_logs(results, scenario, seed, out / "flights", workers)
+        write_worst(out, results, logs)
+        more = evaluation_sections(results, logs, scenario.arrival)
     sections = [
-        Section(f"{count} transits of seed {seed}", head),
-        *evaluation_sections(results, logs, scenario.arrival),
+        Section(f"{count} of seed {seed}", head),
+        *more,
         Section(
             "Where this comes from",
             [
@@ -103,6 +116,21 @@ def write_evaluation(
         ),
     ]
     write_report(out, f"{body}: {', '.join(results)}", sections)
+
+
+def _tasks(results: Results) -> list[Block]:
+    """A line for each survey or mission; the folder `flights` has a folder of each."""
+    lines = [
+        [
+            f"{name}-{row['seed']}-{row['transit']:05d}",
+            Mark(row.get("ended_early") or outcome(row), row["success"]),
+            number_text(row.get("survey_map_rms_of_size"), ".3%"),
+            number_text(row.get("touch_miss_m"), ".2f"),
+        ]
+        for name, result in results.items()
+        for row in result.rows
+    ]
+    return _table(["folder", "what happened", "map, rms over its size", "miss (m)"], lines)
 
 
 def evaluation_sections(results: Results, logs: Logs, arrival: ArrivalConfig) -> list[Section]:
@@ -129,7 +157,12 @@ def evaluation_sections(results: Results, logs: Logs, arrival: ArrivalConfig) ->
 
 def success_text(scenario: Scenario) -> str:
     """Says what a success is, as the start of a sentence."""
-    arrival, touches = scenario.arrival, isinstance(scenario.task, TouchAndGoConfig)
+    if isinstance(scenario.task, SurveyConfig):
+        return "Success is a map, without a collision or an entry of the keep-out ellipsoid"
+    arrival, task = scenario.arrival, scenario.task
+    touches = isinstance(task, TouchAndGoConfig) or (
+        isinstance(task, MissionConfig) and "touch_and_go" in task.phases
+    )
     goal = "home" if touches else "the goal"
     clean = "a touch by the head alone" if touches else "no keep-out violation"
     return (
@@ -138,7 +171,7 @@ def success_text(scenario: Scenario) -> str:
     )
 
 
-def figure_blocks(results: Results, arrival: ArrivalConfig) -> list[Block]:
+def figure_blocks(results: Results, arrival: ArrivalConfig | None) -> list[Block]:
     """Makes the table of the first ten figures, a column for each controller; folded, all others.
 
     Only what a table shows is explained below it.

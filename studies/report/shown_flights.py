@@ -23,7 +23,9 @@ def outcome(row: Row) -> str:
     if row["keep_out_violations"]:
         return "inside the keep-out"
     if row["success"]:
-        return "arrived"
+        return "touched, and home again" if row.get("touched") else "success"
+    if "touched" in row and row["safe"]:
+        return "home again without a touch"
     return "no arrival" if row["arrival_time_s"] is None else "arrived too late"
 
 

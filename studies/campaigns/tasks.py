@@ -1,0 +1,149 @@
+"""Surveys and missions, many of them: each in a folder of its own, which holds its row at the end.
+
+They are no flights of a campaign: a survey has no controller and no log of a flight, and a mission
+makes a map first.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from proxops.diagrams.flight import Row, Workers, provenance
+from proxops.diagrams.scenario import (
+    MissionConfig,
+    Scenario,
+    SurveyConfig,
+    dispersed_values,
+    dump_scenario,
+    load_body,
+    of_transit,
+)
+from proxops.diagrams.surveys import Surveyed, run_mission, run_survey
+from proxops.studies.campaigns.describing import describe_flight
+from proxops.systems.common import InputError, make_folder, write_json
+
+_ROW = "row.json"
+# Errors of which the size counts.
+_ERRORS = ("gravity_error", "rate_error", "pole_error_deg")
+
+
+def makes_a_map(scenario: Scenario) -> bool:
+    """Whether a scenario's task is a survey or a mission."""
+    return isinstance(scenario.task, SurveyConfig | MissionConfig)
+
+
+@dc.dataclass(frozen=True)
+class TaskRun:
+    """A survey or a mission in a world of its own."""
+
+    name: str
+    scenario: Scenario
+    controller: str
+    folder: Path
+    """Takes all files that the task writes."""
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """What the row depends on."""
+        body = load_body(self.scenario.body)
+        origin = provenance(dc.replace(self.scenario, body=""), body, self.controller)
+        return {"scenario": dump_scenario(self.scenario), "origin": str(origin)}
+
+    def row(self) -> Row:
+        """Its row; it is flown once a folder.
+
+        Raises:
+          InputError: the folder holds the row of another one.
+        """
+        path = self.folder / _ROW
+        if not path.is_file():
+            make_folder(self.folder)
+            write_json(path, {"task": self.identity, "summary": self._flown()})
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["task"] != self.identity:
+            raise InputError(
+                f"{path} is of another scenario, controller, body or version of proxops: give "
+                "another output folder, or remove this file to fly it anew"
+            )
+        return content["summary"]
+
+    def _flown(self) -> Row:
+        scenario, rules = self.scenario, self.scenario.transit
+        row = {"controller": self.controller, "seed": rules.seed, "transit": rules.index}
+        body = load_body(scenario.body)
+        try:
+            if isinstance(scenario.task, SurveyConfig):
+                surveyed = run_survey(scenario, body, self.folder)
+                return row | _survey_row(surveyed)
+            surveyed, log = run_mission(scenario, body, self.folder, self.controller)
+        except InputError as error:  # It saw too little, or no place can be touched.
+            return row | {"success": False, "ended_early": str(error)}
+        log.to_netcdf(self.folder / "flight.nc")
+        flown = {**describe_flight(log, None), **_figures(surveyed)}
+        total = flown["delta_v_m_s"] + flown["survey_delta_v_m_s"]
+        return flown | row | {"mission_delta_v_m_s": total}
+
+
+def fly_tasks(
+    scenario: Scenario,
+    controllers: Sequence[str],
+    seed: int,
+    count: int,
+    folder: Path,
+    workers: Workers = Workers(),
+) -> dict[str, list[Row]]:
+    """Flies the surveys or missions 0 … count - 1 of a seed; gives their rows in order.
+
+    Args:
+      scenario: whose task `makes_a_map`; each has a world of its own, drawn from its dispersions.
+      controllers: fly the transits of missions; of surveys only the first counts, as a name.
+      folder: takes a folder of each. What has ended there is not flown again.
+      workers: fly, and report how many have ended.
+
+    Raises:
+      InputError: see `TaskRun.row`.
+    """
+    runs = {
+        name: [
+            TaskRun(
+                f"{name}-{seed}-{k:05d}",
+                of_transit(scenario, seed, k),
+                name,
+                (folder / f"{name}-{seed}-{k:05d}").resolve(),
+            )
+            for k in range(count)
+        ]
+        for name in controllers
+    }
+    found: dict[str, Row] = {}
+    pieces = [each for group in runs.values() for each in group]
+    for name, row in workers.results(pieces, TaskRun.row):
+        found[name] = row
+        good = sum(row["success"] for row in found.values())
+        text = f"{len(found)} of {len(pieces)}, {len(found) - good} without success"
+        workers.progress(len(found) / len(pieces), text)
+    return {name: [found[each.name] for each in group] for name, group in runs.items()}
+
+
+def _survey_row(surveyed: Surveyed) -> dict[str, Any]:
+    """The row of a survey: it succeeds with a map, and without a collision or an entry."""
+    figures = surveyed.figures
+    clean = not figures["collided"] and figures["keep_out_entries"] == 0
+    return {
+        "success": clean,
+        "collided": figures["collided"],
+        "keep_out_violations": figures["keep_out_entries"],
+        **_figures(surveyed),
+    }
+
+
+def _figures(surveyed: Surveyed) -> dict[str, Any]:
+    """Figures of a survey as those of a row."""
+    figures = surveyed.figures | {name: abs(surveyed.figures[name]) for name in _ERRORS}
+    figures["wall_s"] = figures["flight_s"] + figures["estimation_s"]
+    drawn = dispersed_values(surveyed.flight.world.scenario)
+    return {"dispersed": drawn} | {f"survey_{name}": value for name, value in figures.items()}
