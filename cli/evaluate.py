@@ -88,8 +88,6 @@ def evaluate_command(
     """
     # matplotlib is slow to import.
     from proxops.studies.campaigns import fly_tasks, makes_a_map
-    from proxops.studies.figures import aggregate_all
-    from proxops.studies.report import write_evaluation
 
     names = [name.strip() for name in controllers.split(",") if name.strip()]
     if not names or len(set(names)) != len(names):
@@ -113,19 +111,29 @@ def evaluate_command(
             rows = fly_tasks(wanted, names, seed, transits, out / "flights", fleet)
         else:
             rows = _flown(wanted, body, names, seed, transits, out / "flights", keep_logs, fleet)
+    _tell(out, rows, wanted, seed, Workers(workers, scheduler))
+
+
+def _tell(
+    out: Path, rows: dict[str, list[Row]], wanted: Scenario, seed: int, workers: Workers
+) -> None:
+    """Prints the first figures of all rows, and writes results and report."""
+    from proxops.studies.figures import aggregate_all  # As above.
+    from proxops.studies.report import write_evaluation
+
     status.print("Aggregating")  # With dispersions, some seconds for each controller.
     results = aggregate_all(rows)
     origin = {"command": typed_command(), **made_with()}
     entries = {name: dc.asdict(each) for name, each in results.items()}
     write_json(out / "results.json", {"provenance": origin, "controllers": entries})
     surveys = isinstance(wanted.task, SurveyConfig)
-    title = f"{transits} {'surveys' if surveys else 'transits'} of seed {seed}"
+    count = len(next(iter(rows.values())))
+    title = f"{count} {'surveys' if surveys else 'transits'} of seed {seed}"
     console.print(_first_figures(title, results, None if surveys else wanted.arrival))
     with work_bar("writing the report") as progress:
         write_evaluation(
-            out, results, wanted, seed, provenance=origin,
-            workers=Workers(workers, scheduler, progress),
-        )  # fmt: skip
+            out, results, wanted, seed, provenance=origin, workers=workers.reporting(progress)
+        )
     status.print(f"Wrote results.json, report.html and report.md in {out}")
 
 

@@ -67,8 +67,7 @@ def train_command(
         int | None,
         typer.Option(
             min=1,
-            help="Greatest number of epochs (of our pilot's guidance). Default: 20; any-body: 30; "
-            "descent: 60; paper: 12.",
+            help="Most epochs. Default: 20; any-body: 30; descent: 60; paper: 12.",
         ),
     ] = None,
     minutes: Annotated[
@@ -89,8 +88,7 @@ def train_command(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for the policy and its report. Default: out/pilot; paper: "
-            "out/paper-policy; any-body: out/any-body; descent: out/descent."
+            help="Folder for the policy and its report. Default: out/pilot, or by the recipe."
         ),
     ] = None,
     workers: Annotated[

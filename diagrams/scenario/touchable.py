@@ -48,6 +48,8 @@ _OFF = 1.0
 # The arm's direction in S. It points at a place so deep, in m, that where the spacecraft is does
 # not turn it.
 _DOWN, _DEEP = (0.0, 0.0, -1.0), 1e6
+# Stream of the draw of where a lone boulder lies.
+_BESIDE = 4
 # Radius in m of the rod as which the arm is drawn, along _DOWN.
 _ROD = 0.05
 
@@ -144,6 +146,11 @@ def with_site(scenario: Scenario, body: Body) -> Scenario:
     down = (np.array(task.site) - _DEEP * touch_site(made, body).normal).tolist()
     pointing = AttitudeGuidanceConfig(mode="body", place_m=down, boresight=list(_DOWN))
     made.spacecraft = dc.replace(craft, pointing=pointing)
+    boulders, rules = made.truth.boulders, made.transit
+    if boulders.lone_m and not any(boulders.lone_at_m):
+        beside = generator(rules.seed, rules.index, _BESIDE).uniform(-0.5, 0.5, 3)
+        at = (np.array(task.site) + boulders.lone_m * beside).tolist()
+        made.truth = dc.replace(made.truth, boulders=dc.replace(boulders, lone_at_m=at))
     return made
 
 

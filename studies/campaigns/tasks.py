@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import dataclasses as dc
 import json
+import typing
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from proxops.diagrams.flight import Row, Workers, provenance
 from proxops.diagrams.scenario import (
@@ -22,9 +22,11 @@ from proxops.diagrams.scenario import (
     load_body,
     of_transit,
 )
-from proxops.diagrams.surveys import Surveyed, run_mission, run_survey
 from proxops.studies.campaigns.describing import describe_flight
 from proxops.systems.common import InputError, make_folder, write_json
+
+if typing.TYPE_CHECKING:
+    from proxops.diagrams.surveys import Surveyed
 
 _ROW = "row.json"
 # Errors of which the size counts.
@@ -72,6 +74,9 @@ class TaskRun:
         return content["summary"]
 
     def _flown(self) -> Row:
+        # It imports matplotlib, which is slow, and each worker imports this module.
+        from proxops.diagrams.surveys import run_mission, run_survey
+
         scenario, rules = self.scenario, self.scenario.transit
         row = {"controller": self.controller, "seed": rules.seed, "transit": rules.index}
         body = load_body(scenario.body)
@@ -129,7 +134,7 @@ def fly_tasks(
     return {name: [found[each.name] for each in group] for name, group in runs.items()}
 
 
-def _survey_row(surveyed: Surveyed) -> dict[str, Any]:
+def _survey_row(surveyed: Surveyed) -> dict[str, typing.Any]:
     """The row of a survey: it succeeds with a map, and without a collision or an entry."""
     figures = surveyed.figures
     clean = not figures["collided"] and figures["keep_out_entries"] == 0
@@ -141,7 +146,7 @@ def _survey_row(surveyed: Surveyed) -> dict[str, Any]:
     }
 
 
-def _figures(surveyed: Surveyed) -> dict[str, Any]:
+def _figures(surveyed: Surveyed) -> dict[str, typing.Any]:
     """Figures of a survey as those of a row."""
     figures = surveyed.figures | {name: abs(surveyed.figures[name]) for name in _ERRORS}
     figures["wall_s"] = figures["flight_s"] + figures["estimation_s"]

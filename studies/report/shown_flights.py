@@ -23,7 +23,8 @@ def outcome(row: Row) -> str:
     if row["keep_out_violations"]:
         return "inside the keep-out"
     if row["success"]:
-        return "touched, and home again" if row.get("touched") else "success"
+        arrived = "arrived" if "arrival_time_s" in row else "a map"
+        return "touched, and home again" if row.get("touched") else arrived
     if "touched" in row and row["safe"]:
         return "home again without a touch"
     return "no arrival" if row["arrival_time_s"] is None else "arrived too late"

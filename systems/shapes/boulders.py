@@ -53,7 +53,9 @@ class BouldersConfig:
     # Of the places.
     seed: int = number(0, at_least=0, at_most=2**53 - 1)
     # One more boulder, a ball of this width; 0: there is none. It lies on the surface in the
-    # direction of a position, as seen from the origin of K, and may be narrower than a facet.
+    # direction of a position, as seen from the origin of K, and may be narrower than a facet. The
+    # origin itself stands for a touch-and-go's site: the boulder is within half its width of it, as
+    # drawn from the transit.
     lone_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
     lone_at_m: list[float] = vector([0.0, 0.0, 0.0], at_least=-FAR, at_most=FAR, unit="m")
 

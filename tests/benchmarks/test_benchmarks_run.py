@@ -37,7 +37,6 @@ RUNS = {
     "closed_loop: schedule": [*ONE_FLIGHT, "--duration", "100"],
     "minimum_fuel": [*ONE_FLIGHT, "--intervals", "20"],
     "navigation": ["--only", "accuracy", "--bodies", "kleopatra", *ONE_FLIGHT],
-    "touch": ["--flights", "1"],
 }
 
 # They compare with programs that the tests do not install.
@@ -89,18 +88,6 @@ def test_a_survey_and_a_visit(tmp_path: Path) -> None:
         log = fly(load_scenario(folder / "visit.yaml"), "mpc")
     assert log.summary["success"]
     assert log.summary["navigation_consistent"] > 0.95
-
-
-@pytest.mark.slow
-def test_a_mission(tmp_path: Path) -> None:
-    mission = ["--scenario", "bennu_mission", "--dispersions", "mission"]
-    run("touch", [*mission, "--flights", "1", "--seed", "6200"], tmp_path)
-    summary = json.loads((tmp_path / "out/touches/mpc-6200-0/summary.json").read_text())
-    assert summary["success"]
-    assert summary["touch_miss_m"] < 5.0
-    assert summary["policy_share"] > 0.5
-    assert summary["survey_map_rms_of_size"] < 5e-4
-    assert summary["survey"]["keep_out_entries"] == 0
 
 
 def run(name: str, options: list[str], folder: Path) -> str:

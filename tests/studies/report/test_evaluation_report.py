@@ -91,6 +91,9 @@ def test_first_figures_are_few_and_told_good_or_bad() -> None:
 
 def test_outcomes() -> None:
     assert outcome(row()) == "arrived"
+    assert outcome(row(touched=True)) == "touched, and home again"
+    missed = row(success=False, touched=False, safe=True)
+    assert outcome(missed) == "home again without a touch"
     assert outcome(row(success=False, collided=True, keep_out_violations=1)) == "collision"
     assert outcome(row(success=False, keep_out_violations=2)) == "inside the keep-out"
     assert outcome(row(success=False)) == "arrived too late"
