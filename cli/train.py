@@ -65,10 +65,7 @@ def train_command(
     ] = RecipeName.PROXOPS,
     epochs: Annotated[
         int | None,
-        typer.Option(
-            min=1,
-            help="Most epochs. Default: 20; any-body: 30; descent: 60; paper: 12.",
-        ),
+        typer.Option(min=1, help="Most epochs. Default: 20; any-body 30; descent 60; paper 12."),
     ] = None,
     minutes: Annotated[
         float | None, typer.Option(min=0.0, help="Greatest time in minutes; paper only.")
@@ -87,9 +84,7 @@ def train_command(
     ] = Precision.FULL,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder for the policy and its report. Default: out/pilot, or by the recipe."
-        ),
+        typer.Option(help="Folder for policy and report. Default: out/pilot, or by the recipe."),
     ] = None,
     workers: Annotated[
         int | None,
