@@ -42,6 +42,7 @@ from proxops.diagrams.scenario import (
 from proxops.systems.common import InputError, write_json
 
 if TYPE_CHECKING:
+    from proxops.studies.campaigns import Variant
     from proxops.studies.figures import Results
 
 
@@ -87,7 +88,7 @@ def evaluate_command(
       proxops evaluate bennu_mission --dispersions mission --controllers hybrid --transits 8
     """
     # matplotlib is slow to import.
-    from proxops.studies.campaigns import fly_tasks, makes_a_map
+    from proxops.studies.campaigns import Variant, fly_tasks, makes_a_map
 
     names = [name.strip() for name in controllers.split(",") if name.strip()]
     if not names or len(set(names)) != len(names):
@@ -105,12 +106,13 @@ def evaluate_command(
         for name in names:
             named_controller(name, wanted, body)
         print_remarks(wanted, body)
+    variants = [Variant(name, name) for name in names]
     with work_bar("preparing the flights") as progress:
         fleet = Workers(workers, scheduler, progress)
         if makes_a_map(wanted):
-            rows = fly_tasks(wanted, names, seed, transits, out / "flights", fleet)
+            rows = fly_tasks(variants, wanted, seed, transits, out / "flights", fleet)
         else:
-            rows = _flown(wanted, body, names, seed, transits, out / "flights", keep_logs, fleet)
+            rows = _flown(variants, wanted, body, seed, transits, out / "flights", keep_logs, fleet)
     _tell(out, rows, wanted, seed, Workers(workers, scheduler))
 
 
@@ -138,17 +140,17 @@ def _tell(
 
 
 def _flown(
-    wanted: Scenario, body: Body, names: list[str], seed: int, transits: int, folder: Path,
+    variants: list[Variant], wanted: Scenario, body: Body, seed: int, transits: int, folder: Path,
     keep_logs: bool, workers: Workers,
 ) -> dict[str, list[Row]]:  # fmt: skip
     """The rows of transits or touch-and-goes by each controller."""
-    from proxops.studies.campaigns import Variant, describe_flight, fly_variants  # As above.
+    from proxops.studies.campaigns import describe_flight, fly_variants  # As above.
     from proxops.studies.report import may_be_shown
 
     for index in range(min(transits, 2)):  # One clear transit and one blocked transit.
         scenario_transit(of_transit(wanted, seed, index), body)
     return fly_variants(
-        [Variant(name, name) for name in names], wanted, seed, transits, folder,
+        variants, wanted, seed, transits, folder,
         keep_logs=keep_logs or may_be_shown, describe=describe_flight, workers=workers,
     )  # fmt: skip
 

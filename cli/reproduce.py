@@ -33,7 +33,7 @@ if typing.TYPE_CHECKING:
     from proxops.studies.campaigns import Campaign
 
 Tell = Callable[[str, float, str], Any]
-_QUICK_TRANSITS, _QUICK_BODIES = 2, 2
+_QUICK_TRANSITS = 2
 
 
 class LidarNetwork(enum.StrEnum):
@@ -47,7 +47,8 @@ CampaignNames = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="[NAME]...",
-        help="paper, believed, worlds, or a campaign such as flagship. Default: all.",
+        help="paper, believed, worlds, rigid, real, touch, maps, missions, or a campaign such as "
+        "flagship. Default: all.",
     ),
 ]
 FramesNetwork = Annotated[
@@ -72,8 +73,7 @@ def reproduce_command(
         int | None,
         typer.Option(
             min=2,
-            help="Number of transits for each controller. Default: 200 and, of the flagship, 852; "
-            "with --quick 2.",
+            help="Number of flights for each controller. Default: 20 to 852; with --quick 2.",
         ),
     ] = None,
     seed: Annotated[
@@ -99,9 +99,10 @@ def reproduce_command(
 
     paper collects, trains and flies as the paper does, on the true state, and has a report of its
     own in the folder paper. believed flies on navigation, in a world that is as believed. worlds
-    draws each flight's world, and flies at other bodies. Beyond the paper no frames are logged,
-    gravity is that of its table unless --quick is given, and --scenario and --set count at the
-    scenario's own body only: at others all is as proxops shape sets it up.
+    draws each flight's world, and flies at other bodies; rigid flies a rigid spacecraft, and real
+    at real bodies. touch flies down to a place, maps surveys, and missions do all of it. Beyond the
+    paper no frames are logged, gravity is that of its table unless --quick is given, and --scenario
+    and --set count at the scenario's own body only.
 
     The command writes report.html, report.md and results.json, and a folder for each stage. Run it
     again to continue after an interruption; a stage that is done is repeated only if its inputs
@@ -160,12 +161,12 @@ class _Asked(typing.NamedTuple):
         Args:
           to_be_trained: whether those of the paper's recipe count before it is trained.
         """
-        from proxops.studies.campaigns import BODIES, all_campaigns
+        from proxops.studies.campaigns import all_campaigns
         from proxops.studies.reproduction import chosen_campaigns, own_bodies, paper_policy
 
         recipe = paper_policy(self.paper) or (self.paper if to_be_trained else None)
         own = [] if self.bodies is None else own_bodies(self.bodies)
-        known = all_campaigns(recipe, own, _QUICK_BODIES if self.quick else len(BODIES))
+        known = all_campaigns(recipe, own, self.quick)
         known = [dc.replace(each, transits=self.transits or each.transits) for each in known]
         return known, chosen_campaigns(self.names, known)
 

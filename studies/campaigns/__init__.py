@@ -16,6 +16,7 @@ from proxops.studies.campaigns.stages import Stage, Stages
 from proxops.studies.campaigns.table import (
     BODIES,
     FLAGSHIP,
+    MAPS,
     PAPER_POLICY,
     PAPER_RECIPE,
     PARTS,
@@ -38,6 +39,7 @@ from proxops.studies.campaigns.variants import (
 __all__ = [
     "BODIES",
     "FLAGSHIP",
+    "MAPS",
     "PAPER_POLICY",
     "PAPER_RECIPE",
     "PARTS",

@@ -23,10 +23,13 @@ from proxops.diagrams.scenario import (
     change_scenario,
     dump_scenario,
     load_body,
+    load_scenario,
+    with_site,
 )
 from proxops.studies.campaigns.describing import describe_flight
 from proxops.studies.campaigns.stages import Stage, Stages
 from proxops.studies.campaigns.table import Campaign
+from proxops.studies.campaigns.tasks import fly_tasks, makes_a_map
 from proxops.studies.campaigns.variants import fly_variants, variant_flights
 from proxops.studies.figures import Results, aggregate_all, results_from_json
 from proxops.systems.common import InputError, Progress
@@ -85,12 +88,13 @@ def fly_campaign(
 
     def work(folder: Path, progress: Progress) -> dict[str, Any]:
         with workers.reporting(progress).kept() as fleet:
-            refused = _refused(campaign, shared, fleet)
-            rows = fly_variants(
-                [each for each in campaign.variants if each.name not in refused],
-                shared, campaign.seed, campaign.transits, folder,
-                describe=describe_flight, workers=fleet,
-            )  # fmt: skip
+            flown = shared, campaign.seed, campaign.transits, folder
+            if makes_a_map(shared):
+                refused, rows = {}, fly_tasks(campaign.variants, *flown, workers=fleet)
+            else:
+                refused = _refused(campaign, shared, fleet)
+                wanted = [each for each in campaign.variants if each.name not in refused]
+                rows = fly_variants(wanted, *flown, describe=describe_flight, workers=fleet)
         return {
             "results": {name: dc.asdict(each) for name, each in aggregate_all(rows).items()},
             "refused": refused,
@@ -159,6 +163,10 @@ def campaign_scenario(campaign: Campaign, scenario: Scenario, bodies: Path) -> S
     # It imports matplotlib, which is slow, and each worker imports this module.
     from proxops.diagrams.new_body import scaled_scenario, write_generated_body
 
+    if campaign.scenario is not None:
+        own = dc.replace(load_scenario(campaign.scenario), log_ranges=scenario.log_ranges)
+        own = change_scenario(own, campaign.changes)
+        return with_site(own, load_body(own.body))
     if campaign.body is None:
         return change_scenario(scenario, campaign.changes)
     path = Path(campaign.body)

@@ -9,10 +9,12 @@ from pathlib import Path
 from proxops.studies.campaigns.variants import Variant
 from proxops.studies.figures import EXPERT
 
-BELIEVED, WORLDS = "believed", "worlds"
-PARTS = (BELIEVED, WORLDS)
+BELIEVED, WORLDS, RIGID, REAL = "believed", "worlds", "rigid", "real"
+TOUCH, MAPS, MISSIONS = "touch", "maps", "missions"
+PARTS = (BELIEVED, WORLDS, RIGID, REAL, TOUCH, MAPS, MISSIONS)
 """In the first the world is as believed; in the second it is drawn for each flight, or the body is
-another one."""
+another one; then a rigid spacecraft flies; then real bodies with spacecraft like those that were
+there; then descents to a place, surveys, and missions of all of it."""
 
 PILOT, PAPER_POLICY = "end-to-end pilot", "paper's recipe"
 """Names of controllers in the report and in results.json."""
@@ -68,6 +70,10 @@ class Campaign:
     believed."""
     body: str | None = None
     """SEED:NUMBER of a generated body, or the path of a body's file; None: the scenario's."""
+    scenario: str | None = None
+    """Name of a scenario that ships, flown in place of the shared one; None: the shared one is."""
+    settings: Sequence[str] = ()
+    """Other changes, for `change_scenario`."""
     true_state: bool = False
     """Whether all are told the true state."""
     seed: int = 25_000
@@ -76,7 +82,8 @@ class Campaign:
     def changes(self) -> list[str]:
         """What the campaign changes in the scenario that all share, for `change_scenario`."""
         changes = [] if self.dispersions is None else [f"dispersions={self.dispersions}"]
-        return [*changes, "navigation=!TrueState {}"] if self.true_state else changes
+        changes += ["navigation=!TrueState {}"] if self.true_state else []
+        return [*changes, *self.settings]
 
 
 _BELIEVED = (
@@ -115,20 +122,43 @@ _DISPERSED = (
         (_MPC, _HYBRID, _FOR_LESS), dispersions="first_look",
     ),
 )  # fmt: skip
+_TOLD_AFAR = (
+    "Known are an ellipsoid, a mass and a rotation, each with its error, and no position. The map "
+    "is the spacecraft's own."
+)
+_RIGID = Campaign(
+    "rigid-after-survey", RIGID, "A rigid spacecraft, after the survey", _TOLD_DISPERSIONS,
+    (_MPC, _POLICY, _ASSURED_HYBRID), dispersions="after_survey_rigid",
+    settings=("spacecraft=!RigidBody {}",), seed=25_002,
+)  # fmt: skip
+_TOUCHES = Campaign(
+    "touch-bennu", TOUCH, "Touch and go at Bennu", _TOLD_DISPERSIONS,
+    (_MPC,), transits=852, dispersions="touch_and_go", scenario="bennu_touch_and_go", seed=25_003,
+)  # fmt: skip
+_LEARNED = dc.replace(
+    _TOUCHES, name="touch-learned", title="Touch and go by a learned descent",
+    variants=(_MPC, _POLICY, _HYBRID), transits=100, seed=25_007,
+)  # fmt: skip
+_REAL = ("bennu", "ryugu", "toutatis", "didymos")
+_SURVEYS = (("kleopatra", "first_look"), ("bennu", "approach"), ("ryugu", "approach"))
+_MISSIONS = (("bennu_mission", "mission", 200), ("kleopatra_mission", "first_look", 50))
+# Of bodies, and of real missions, maps and missions, for a first look.
+_FEW_BODIES, _FEW = 2, 1
 
 
 def all_campaigns(
     paper_policy: Path | None = None,
     own_bodies: Sequence[Path] = (),
-    bodies: int = len(BODIES),
+    quick: bool = False,
 ) -> list[Campaign]:
     """Returns all campaigns, in the order in which they are flown and told.
 
     Args:
       paper_policy: the bundle of the paper's recipe; without it, there is no campaign of it.
       own_bodies: body files of the user's, each flown as the generated bodies are.
-      bodies: number of generated bodies.
+      quick: only some of the bodies, as a first look.
     """
+    bodies, few = (_FEW_BODIES, _FEW) if quick else (None, None)
     return [
         *_BELIEVED,
         *([] if paper_policy is None else [_of_papers_recipe(paper_policy)]),
@@ -136,6 +166,12 @@ def all_campaigns(
         *(_at_body(name, f"body {name}") for name in BODIES[:bodies]),
         *(_dispersed_at(name) for name in _DISPERSED_BODIES[:bodies]),
         *(_at_body(str(path), path.stem) for path in own_bodies),
+        _RIGID,
+        *map(_real, _REAL[:few]),
+        _TOUCHES,
+        _LEARNED,
+        *(_survey(*each) for each in _SURVEYS[:few]),
+        *(_mission(*each) for each in _MISSIONS[:few]),
     ]
 
 
@@ -160,6 +196,28 @@ def _dispersed_at(body: str) -> Campaign:
         f"after-survey-{campaign_name(body)}", WORLDS, f"After the survey, at body {body}",
         "Nobody is told the state or the world. The policy never saw the body.",
         (_ASSURED_HYBRID,), dispersions="after_survey", body=body,
+    )  # fmt: skip
+
+
+def _real(name: str) -> Campaign:
+    return Campaign(
+        f"real-{name}", REAL, f"The mission {name}, after the survey", _TOLD_DISPERSIONS,
+        (_ASSURED_HYBRID,), transits=100, dispersions="after_survey", scenario=name, seed=25_004,
+    )  # fmt: skip
+
+
+def _survey(name: str, dispersions: str) -> Campaign:
+    return Campaign(
+        f"map-{name}", MAPS, f"A map of one's own, {name}", _TOLD_AFAR,
+        (Variant("survey", "survey"),), transits=20, dispersions=dispersions, scenario=name,
+        settings=("task=!Survey {}",), seed=25_005,
+    )  # fmt: skip
+
+
+def _mission(name: str, dispersions: str, count: int) -> Campaign:
+    return Campaign(
+        name.replace("_", "-"), MISSIONS, f"From first sight on, alone: {name}", _TOLD_AFAR,
+        (_HYBRID,), transits=count, dispersions=dispersions, scenario=name, seed=25_006,
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import typing
 from collections.abc import Sequence
 from pathlib import Path
 
-from proxops.diagrams.flight import Row, Workers, provenance
+from proxops.diagrams.flight import Row, Workers, controller_label, provenance
 from proxops.diagrams.scenario import (
     MissionConfig,
     Scenario,
@@ -23,6 +23,7 @@ from proxops.diagrams.scenario import (
     of_transit,
 )
 from proxops.studies.campaigns.describing import describe_flight
+from proxops.studies.campaigns.variants import Variant
 from proxops.systems.common import InputError, make_folder, write_json
 
 if typing.TYPE_CHECKING:
@@ -94,44 +95,40 @@ class TaskRun:
 
 
 def fly_tasks(
+    variants: Sequence[Variant],
     scenario: Scenario,
-    controllers: Sequence[str],
     seed: int,
     count: int,
     folder: Path,
     workers: Workers = Workers(),
 ) -> dict[str, list[Row]]:
-    """Flies the surveys or missions 0 … count - 1 of a seed; gives their rows in order.
+    """Flies the surveys or missions 0 … count - 1 of a seed; gives their rows in order, by name.
 
     Args:
+      variants: whose controllers fly the transits of missions; a survey has none.
       scenario: whose task `makes_a_map`; each has a world of its own, drawn from its dispersions.
-      controllers: fly the transits of missions; of surveys only the first counts, as a name.
       folder: takes a folder of each. What has ended there is not flown again.
       workers: fly, and report how many have ended.
 
     Raises:
       InputError: see `TaskRun.row`.
     """
-    runs = {
-        name: [
-            TaskRun(
-                f"{name}-{seed}-{k:05d}",
-                of_transit(scenario, seed, k),
-                name,
-                (folder / f"{name}-{seed}-{k:05d}").resolve(),
-            )
-            for k in range(count)
+    runs: dict[str, list[TaskRun]] = {}
+    for each in variants:
+        changed = each.applied_to(scenario)
+        names = [f"{controller_label(each.name)}-{seed}-{k:05d}" for k in range(count)]
+        runs[each.name] = [
+            TaskRun(name, of_transit(changed, seed, k), each.controller, (folder / name).resolve())
+            for k, name in enumerate(names)
         ]
-        for name in controllers
-    }
     found: dict[str, Row] = {}
-    pieces = [each for group in runs.values() for each in group]
+    pieces = [run for group in runs.values() for run in group]
     for name, row in workers.results(pieces, TaskRun.row):
         found[name] = row
         good = sum(row["success"] for row in found.values())
         text = f"{len(found)} of {len(pieces)}, {len(found) - good} without success"
         workers.progress(len(found) / len(pieces), text)
-    return {name: [found[each.name] for each in group] for name, group in runs.items()}
+    return {name: [found[run.name] for run in group] for name, group in runs.items()}
 
 
 def _survey_row(surveyed: Surveyed) -> dict[str, typing.Any]:

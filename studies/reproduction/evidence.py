@@ -12,6 +12,7 @@ from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import ArrivalConfig, Scenario, load_body
 from proxops.studies.campaigns import (
     FLAGSHIP,
+    MAPS,
     PAPER_POLICY,
     PAPER_RECIPE,
     PARTS,
@@ -190,7 +191,8 @@ def _asked(
             f"asteroid, and arrive within {arrival_text(arrival)} of the goal by "
             f"{arrival.deadline_s:g} s, to stay there for {arrival.dwell_s:g} s. It must not enter "
             "the keep-out ellipsoid round the body. That is a success; at other bodies, lengths "
-            "and times are in proportion. Each controller of a campaign flies the same transits, "
+            "and times are in proportion, and real missions, touches, maps and missions have "
+            "limits of their own. Each controller of a campaign flies the same transits, "
             "on which nothing was trained. Intervals of 95 % are Wilson's, unless they are called "
             f"exact (Clopper and Pearson's). proxops {metadata.version('proxops')}."
         ),
@@ -252,7 +254,7 @@ def _holds(flown: Sequence[FlownCampaign]) -> Table:
             f"{each.campaign.title}: {name}",
             result.succeeded(),
             interval_text(result.success_rate_exact_interval),
-            str(result.keep_out_violations),
+            number_text(result.keep_out_violations, "d"),
             number_text(result.expert_delta_v_ratio, ".3f"),
             f"proxops reproduce {each.campaign.name}",
         ]
@@ -265,11 +267,12 @@ def _holds(flown: Sequence[FlownCampaign]) -> Table:
 
 def _campaign(flown: FlownCampaign) -> list[Block]:
     campaign = flown.campaign
+    arrival = None if campaign.part == MAPS else flown.arrival
     drawn = f"; worlds are drawn from {campaign.dispersions}." if campaign.dispersions else "."
     return [
         Text(f"proxops reproduce {campaign.name}", code=True),
         Text(f"{campaign.told} Seed {campaign.seed}; {flown.body}{drawn}"),
-        *figure_blocks(flown.results, flown.arrival),
+        *figure_blocks(flown.results, arrival),
         *(Text(f"{name} refuses to fly: {reason}.") for name, reason in flown.refused.items()),
         *(driver_blocks(flown.results) if campaign.name == FLAGSHIP else []),
     ]

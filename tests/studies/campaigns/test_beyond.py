@@ -10,8 +10,16 @@ import pytest
 from short_flights import BRIEF, short_scenario, write_blob
 
 from proxops.diagrams.flight import Workers, named_controller
-from proxops.diagrams.scenario import Scenario, dump_scenario, load_body
-from proxops.studies.campaigns import BODIES, Campaign, Variant, all_campaigns
+from proxops.diagrams.scenario import (
+    MissionConfig,
+    Scenario,
+    SurveyConfig,
+    TouchAndGoConfig,
+    dump_scenario,
+    load_body,
+    load_scenario,
+)
+from proxops.studies.campaigns import BODIES, PARTS, Campaign, Variant, all_campaigns
 from proxops.studies.campaigns.flying import _inputs, campaign_scenario
 from proxops.studies.reproduction import chosen_campaigns, fly_and_tell, own_bodies, success_lines
 from proxops.systems import InputError
@@ -35,6 +43,27 @@ def test_nobody_sees_the_truth_unless_it_is_said() -> None:
     for each in all_campaigns():
         told = [change for change in each.changes if "TrueState" in change]
         assert bool(told) == each.true_state == (each.name == "true-state")
+
+
+def test_scenarios_that_ship_are_flown_as_they_are(tmp_path: Path) -> None:
+    """But for what the campaign says, and with one place of all touches."""
+    known = {each.name: each for each in all_campaigns()}
+    assert {each.part for each in known.values()} == set(PARTS)
+    assert len(known) == len(all_campaigns())
+
+    def flown(name: str) -> Scenario:
+        shared = Scenario(log_ranges=False, gravity="table")
+        return campaign_scenario(known[name], shared, tmp_path)
+
+    ryugu = load_scenario("ryugu", dispersions="after_survey", log_ranges=False)
+    assert flown("real-ryugu") == ryugu
+    assert flown("rigid-after-survey").is_rigid
+    survey, mission, touch = map(flown, ("map-bennu", "bennu-mission", "touch-learned"))
+    assert isinstance(survey.task, SurveyConfig)
+    assert survey.dispersions == "approach"
+    assert isinstance(mission.task, MissionConfig)
+    assert isinstance(touch.task, TouchAndGoConfig)
+    assert touch.task.site is not None
 
 
 def test_the_papers_recipe_must_be_trained_first() -> None:

@@ -12,7 +12,7 @@ from proxops.cli.main import app
 from proxops.diagrams import surveys
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Body, Scenario, SurveyConfig, load_scenario
-from proxops.studies.campaigns import fly_tasks, makes_a_map
+from proxops.studies.campaigns import Variant, fly_tasks, makes_a_map
 from proxops.studies.figures import aggregate_all, figure_rows
 from proxops.systems.common import InputError
 
@@ -21,6 +21,7 @@ FIGURES = {
     "pole_error_deg": 0.01, "hours": 20.0, "delta_v_m_s": 12.0, "keep_out_entries": 0,
     "collided": False, "flight_s": 20.0, "estimation_s": 30.0,
 }  # fmt: skip
+SURVEY = [Variant("survey", "survey")]
 
 
 @pytest.fixture
@@ -48,7 +49,7 @@ def survey(hours: float = 20.0) -> Scenario:
 def test_each_is_flown_once(tmp_path: Path, asked: list[int]) -> None:
     told: list[str] = []
     workers = Workers(1, progress=lambda done, text: told.append(text))
-    rows = fly_tasks(survey(), ["survey"], 5, 3, tmp_path, workers)["survey"]
+    rows = fly_tasks(SURVEY, survey(), 5, 3, tmp_path, workers)["survey"]
     assert asked == [0, 1, 2]
     assert told[-1] == "3 of 3, 2 without success"
     assert [row["success"] for row in rows] == [True, False, False]
@@ -56,14 +57,14 @@ def test_each_is_flown_once(tmp_path: Path, asked: list[int]) -> None:
     assert rows[0]["survey_gravity_error"] == 2e-3
     assert rows[0]["dispersed"] == {"truth.gravity": 1.0}
     assert rows[1]["ended_early"] == "the survey saw 60 % of the surface"
-    assert fly_tasks(survey(), ["survey"], 5, 4, tmp_path, Workers(1))["survey"][:3] == rows
+    assert fly_tasks(SURVEY, survey(), 5, 4, tmp_path, Workers(1))["survey"][:3] == rows
     assert asked == [0, 1, 2, 3]
     with pytest.raises(InputError, match=r"row\.json is of another scenario"):
-        fly_tasks(survey(hours=30.0), ["survey"], 5, 1, tmp_path, Workers(1))
+        fly_tasks(SURVEY, survey(hours=30.0), 5, 1, tmp_path, Workers(1))
 
 
 def test_figures_of_surveys_are_no_flights(tmp_path: Path, asked: list[int]) -> None:
-    rows = fly_tasks(survey(), ["survey"], 5, 3, tmp_path, Workers(1))
+    rows = fly_tasks(SURVEY, survey(), 5, 3, tmp_path, Workers(1))
     [result] = aggregate_all(rows).values()
     shown = {row.label: row.cells[0] for row in figure_rows({"survey": result}, None)}
     assert shown["success"] == "1 of 3"
