@@ -50,18 +50,22 @@ def described_keys(schema: type = Scenario) -> tuple[DescribedKey, ...]:
 def _described(field: dc.Field, meaning: str) -> DescribedKey:
     sections = {tag: described_keys(each) for tag, each in sections_of(field.type).items()}
     made = field.default if field.default_factory is dc.MISSING else field.default_factory()
-    if dc.is_dataclass(made):
-        default = f"!{type(made).__name__.removesuffix('Config')}" if len(sections) > 1 else ""
-    else:
-        default = write_yaml(made if isinstance(made, list) else [made]).strip()
-        default = default if isinstance(made, list) else default[1:-1]
     choices = choices_of(field) or (("true", "false") if field.type is bool else ())
     limits = limits_in_words(field) or " or ".join(choices)
     if not limits and not sections:
         limits = in_words(field.type)
     return DescribedKey(
-        field.name, default, unit_of(field), limits, meaning, (*sections, *choices), sections
-    )
+        field.name, _text(made, len(sections) > 1), unit_of(field), limits, meaning,
+        (*sections, *choices), sections,
+    )  # fmt: skip
+
+
+def _text(value: object, tagged: bool) -> str:
+    """A value as YAML; of a section, its tag if it has one."""
+    if dc.is_dataclass(value):
+        return f"!{type(value).__name__.removesuffix('Config')}" if tagged else ""
+    text = write_yaml(value if isinstance(value, list) else [value]).strip()
+    return text if isinstance(value, list) else text[1:-1]
 
 
 def dotted(
@@ -74,26 +78,28 @@ def dotted(
             yield from dotted(inner, f"{prefix}{key.name}.")
 
 
-def commented_scenario() -> str:
-    """Gives the default scenario as YAML, with what each key means in comments.
+def commented_scenario(scenario: Scenario | None = None) -> str:
+    """Gives a scenario as YAML, the default one if None, with what each key means in comments.
 
-    Sections that the default does not have are there as comments.
+    Sections that it does not have are there as comments.
     """
-    return "\n".join(_lines(described_keys(), "")) + "\n"
+    return "\n".join(_lines(described_keys(), "", scenario or Scenario())) + "\n"
 
 
-def _lines(keys: Sequence[DescribedKey], indent: str) -> Iterator[str]:
+def _lines(keys: Sequence[DescribedKey], indent: str, config: object = None) -> Iterator[str]:
+    """The lines of a section; without one, those of its defaults."""
     for key in keys:
         lines = textwrap.wrap(key.meaning, _WIDTH - len(indent), break_on_hyphens=False)
         yield from (f"{indent}# {line}" for line in lines)
         note = ", ".join(filter(None, (key.unit, key.limits)))
-        bare = f"!{next(iter(key.sections), '')}" == key.default
-        empty = " {}" if bare and not next(iter(key.sections.values())) else ""
-        value = f"{indent}{key.name}: {key.default}{empty}".rstrip()
+        given = getattr(config, key.name, None)
+        text = key.default if config is None else _text(given, len(key.sections) > 1)
+        bare = text.startswith("!") and not key.sections[text[1:]]
+        value = f"{indent}{key.name}: {text}{' {}' if bare else ''}".rstrip()
         yield value + (f"  # {note}" if note else "")
         for tag, inner in key.sections.items():
-            if key.default in ("", f"!{tag}"):
-                yield from _lines(inner, f"{indent}  ")
+            if text in ("", f"!{tag}"):
+                yield from _lines(inner, f"{indent}  ", given)
             else:
                 tagged = f" !{tag}" if len(key.sections) > 1 else ""
                 yield f"{indent}# {key.name}:{tagged}{'' if inner else ' {}'}"

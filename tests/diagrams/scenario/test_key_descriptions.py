@@ -44,6 +44,12 @@ def test_the_commented_scenario_is_the_default() -> None:
     assert max(map(len, text.splitlines())) <= 110
 
 
+@pytest.mark.parametrize("name", ["didymos", "bennu_touch_and_go", "kleopatra_mission"])
+def test_a_commented_scenario_is_what_it_was(name: str) -> None:
+    scenario = load_scenario(name, {"kicks": {}, "dispersions": "mission"})
+    assert parse_scenario(commented_scenario(scenario)) == scenario
+
+
 def test_sections_that_the_default_lacks_are_there_as_comments() -> None:
     """Without the comment signs they are YAML that a scenario takes."""
     found = re.search(r"^# kicks:\n((?:#   .*\n)*)", commented_scenario(), re.MULTILINE)
