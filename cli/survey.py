@@ -40,6 +40,9 @@ def survey_command(
     settings: ScenarioChanges = None,
     dispersions: DispersionsName = None,
     out: Annotated[Path, typer.Option(help="Folder for all files.")] = Path("out/survey"),
+    movie: Annotated[
+        Path | None, typer.Option(help="A film of the map as it grows: a WebP, GIF or MP4.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Survey a body that is known as an ellipsoid; write its map, body file and scenario.
@@ -57,9 +60,13 @@ def survey_command(
       proxops survey bennu --visits bennu_touch_and_go --out out/bennu
     """
     # matplotlib is slow to import.
+    from proxops.diagrams.meshcat import check_film
     from proxops.diagrams.surveys import run_survey
+    from proxops.studies.report import write_survey_film
 
     check_folder(out)
+    if movie is not None:
+        check_film(movie)
     wanted = load_scenario(scenario, with_dispersions(settings, dispersions))
     if not isinstance(wanted.task, SurveyConfig):
         wanted = dc.replace(wanted, task=SurveyConfig())
@@ -74,6 +81,9 @@ def survey_command(
     with work_bar("surveying") as progress, compiling_told(progress):
         surveyed = run_survey(wanted, load_body(wanted.body), out, progress, after)
         rows = report_survey(out, wanted, surveyed)
+        if movie is not None:
+            progress(0.99, "drawing the film")
+            write_survey_film(movie, surveyed)
     if as_json:
         typer.echo(json.dumps(surveyed.figures, indent=2))
     else:

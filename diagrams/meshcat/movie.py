@@ -109,10 +109,7 @@ def write_movie(
         this machine, it shows no flight, or the extra is not installed.
     """
     path = Path(path)
-    if path.suffix not in _SUFFIXES:
-        raise InputError(f"{path}: a film is a {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]} file")
-    # Before the frames are drawn, which takes a minute.
-    ffmpeg = needed("imageio_ffmpeg", "movie").get_ffmpeg_exe() if path.suffix == ".mp4" else ""
+    check_film(path)
     browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
     if browser is None:
         raise InputError(
@@ -143,15 +140,35 @@ def write_movie(
         raise InputError(
             f"{browser} drew {len(frames)} of {count} frames: {drawn.stderr.strip()[-500:]}"
         )
-    jpegs = [base64.b64decode(each) for each in frames]
-    if ffmpeg:
-        _write_mp4(jpegs, path, frames_per_second, ffmpeg)
-    else:
-        _write_pictures(jpegs, path, frames_per_second)
+    write_frames([base64.b64decode(each) for each in frames], path, frames_per_second)
 
 
-def _write_mp4(frames: list[bytes], path: Path, frames_per_second: float, ffmpeg: str) -> None:
+def check_film(path: Path) -> None:
+    """Raises what `write_frames` would, before frames are drawn, which takes a minute.
+
+    Raises:
+      InputError: the path has another ending than that of a film, or the extra is not installed.
+    """
+    if path.suffix not in _SUFFIXES:
+        raise InputError(f"{path}: a film is a {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]} file")
+    if path.suffix == ".mp4":
+        needed("imageio_ffmpeg", "movie")
+
+
+def write_frames(frames: list[bytes], path: Path, frames_per_second: float) -> None:
+    """Writes JPEGs of one size as a film.
+
+    Raises:
+      InputError: see `check_film`; or the folder cannot be written.
+    """
+    check_film(path)
+    write = _write_mp4 if path.suffix == ".mp4" else _write_pictures
+    write(frames, path, frames_per_second)
+
+
+def _write_mp4(frames: list[bytes], path: Path, frames_per_second: float) -> None:
     """Writes JPEGs as a film that browsers and slides play."""
+    ffmpeg = needed("imageio_ffmpeg", "movie").get_ffmpeg_exe()
     # Players need a yellow, a blue and a red for every four pixels, so even sizes.
     even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]
     coded = ["-c:v", "libx264", "-movflags", "+faststart", "-f", "mp4", "-y"]

@@ -26,7 +26,11 @@ from proxops.studies.report.plots import (
     plot_flights,
 )
 from proxops.studies.report.shown_flights import may_be_shown, outcome
-from proxops.studies.report.survey_report import plot_over_surface, write_survey_report
+from proxops.studies.report.survey_report import (
+    plot_over_surface,
+    write_survey_film,
+    write_survey_report,
+)
 
 __all__ = [
     "BLACK",
@@ -48,5 +52,6 @@ __all__ = [
     "plot_over_surface",
     "success_text",
     "write_evaluation",
+    "write_survey_film",
     "write_survey_report",
 ]

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from scipy.spatial import cKDTree
 
+from proxops.diagrams.meshcat import write_frames
 from proxops.diagrams.surveys import Surveyed
 from proxops.studies.report.plots import BLACK, BLUE, ORANGE, label_axis, new_figure
 from proxops.systems.common import Values, Vectors3
@@ -139,6 +143,64 @@ def plot_errors(errors: Values, deviations: Values) -> Figure:
     figure = new_figure(8.0, 2.8)
     _beside_normal(figure.add_subplot(), errors / deviations, "error / standard deviation")
     return figure
+
+
+def write_survey_film(path: Path, surveyed: Surveyed, frames: int = 60) -> None:
+    """Writes a film of the map as it grows: a facet is there once all its corners were seen.
+
+    Args:
+      path: of a WebP, a GIF or an MP4. frames: their number; there are ten a second.
+
+    Raises:
+      InputError: see `write_frames`.
+    """
+    made, returns = surveyed.made, surveyed.found.returns
+    shape, seen = made.shape, first_seen(surveyed)
+    appears = seen[shape.facets].max(axis=1)
+    half = 0.5 * float(shape.extents.max())
+    sides, drawn = shape.vertices[shape.facets], []
+    for k in range(frames):
+        # It is whole for the last fifth of the film.
+        share = min(k / (0.8 * (frames - 1)), 1.0)
+        time = returns.times[0] + share * (returns.times[-1] - returns.times[0])
+        there, azimuth = appears <= time, 360.0 * k / frames - 90.0
+        # From above the camera, and beside it.
+        lamp = np.array([*np.sqrt(0.5) * _around(azimuth + 40.0), np.sqrt(0.5)])
+        light = 0.3 + 0.7 * np.clip(shape.normals[there] @ lamp, 0.0, 1.0)
+        figure = new_figure(6.4, 4.0)
+        axis = figure.add_subplot(projection="3d", computed_zorder=False)
+        colours = light[:, None] * [0.86, 0.81, 0.74]
+        facets = Poly3DCollection(sides[there], facecolors=colours, edgecolors=colours)
+        facets.set_clip_on(False)  # The picture is wider than the axes.
+        axis.add_collection3d(facets)
+        axis.set(xlim=(-half, half), ylim=(-half, half), zlim=(-half, half))
+        axis.set_box_aspect((1.0, 1.0, 1.0), zoom=2.0)
+        axis.set_axis_off()
+        axis.view_init(elev=20.0, azim=azimuth)
+        hours = (time - returns.times[0]) / 3600.0
+        axis.set_title(f"{hours:.1f} h in orbit, {np.mean(seen <= time):.0%} of the map")
+        picture = io.BytesIO()
+        figure.savefig(picture, format="jpeg", dpi=100)
+        drawn.append(picture.getvalue())
+    write_frames(drawn, path, 10.0)
+
+
+def _around(azimuth: float) -> np.ndarray:
+    """The unit vector (2,) at an angle in degrees."""
+    return np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
+
+
+def first_seen(surveyed: Surveyed) -> Values:
+    """When returns first fell next to each vertex of a survey's map (V,), in s; inf: never.
+
+    A return belongs to the vertex that is nearest to it.
+    """
+    made, found = surveyed.made, surveyed.found
+    points = (found.survey.placed(found.returns).points - made.centre) @ made.rotation.T
+    _, nearest = cKDTree(made.shape.vertices).query(points)
+    seen = np.full(len(made.shape.vertices), np.inf)
+    np.minimum.at(seen, nearest, found.returns.times[found.returns.frames])
+    return seen
 
 
 def _beside_normal(axis: Axes, ratios: Values, label: str) -> None:

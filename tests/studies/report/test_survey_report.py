@@ -5,8 +5,13 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
+from PIL import Image
 
+from proxops.diagrams.meshcat import check_film
 from proxops.studies.report import write_survey_report
+from proxops.studies.report.survey_report import first_seen, write_survey_film
+from proxops.systems.common import InputError
 from proxops.systems.gravity import ball
 
 
@@ -54,3 +59,34 @@ def test_a_report_has_coverage_residuals_and_uncertainty(tmp_path: Path) -> None
         assert wanted in page
     pictures = {path.stem for path in (tmp_path / "figures").glob("*.png")}
     assert pictures == {"coverage", "residuals", "uncertainty", "errors"}
+
+
+def test_a_film_shows_what_was_seen_by_then(tmp_path: Path) -> None:
+    """Two halves of a ball, the upper one an hour after the lower one; one place is never seen."""
+    shape, shift = ball(100.0), np.array([5.0, 0.0, 0.0])
+    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # R_KB.
+    points, hidden = shape.vertices[1:], 0
+    upper = points[:, 2] > 0.0
+    placed = SimpleNamespace(points=1.02 * points @ turn + shift)
+    returns = SimpleNamespace(times=np.array([7200.0, 10800.0]), frames=upper.astype(int))
+    surveyed: Any = SimpleNamespace(
+        made=SimpleNamespace(shape=shape, rotation=turn, centre=shift),
+        found=SimpleNamespace(survey=SimpleNamespace(placed=lambda given: placed), returns=returns),
+    )
+    seen = first_seen(surveyed)
+    assert np.isinf(seen[hidden])
+    np.testing.assert_array_equal(seen[1:], returns.times[returns.frames])
+    write_survey_film(tmp_path / "map.webp", surveyed, frames=3)
+    with Image.open(tmp_path / "map.webp") as film:
+        assert film.n_frames == 3
+        dark = []
+        for k in range(3):
+            film.seek(k)
+            dark.append(float((np.asarray(film.convert("L"))[60:] < 250).mean()))
+    assert dark[0] > 0.02
+    assert dark[2] > 1.2 * dark[0]
+
+
+def test_a_film_is_no_other_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a film is a \.webp, \.gif or \.mp4 file"):
+        check_film(tmp_path / "map.png")
