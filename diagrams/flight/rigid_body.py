@@ -150,6 +150,7 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
         attitude=inertial.get_output_port(),
         body_attitude=attitude,
         position=craft.GetOutputPort("position"),
+        sun_direction=wiring.logged.get("sun_direction"),
     )
     gyro = Gyro(model.config.gyro, period, wiring.seed(GYRO_STREAM))
     wiring.add("gyro", gyro, angular_velocity=craft.GetOutputPort("angular_velocity"))

@@ -31,10 +31,11 @@ class StarTrackerConfig:
 
     # Standard deviation of each measurement, about each axis.
     noise_deg: float = number(0.003, at_least=0.0, at_most=10.0, unit="degrees")
-    # The direction of its optical axis in S, and the angle from there within which the body blinds
+    # The direction of its optical axis in S, and the angles from it within which body and Sun blind
     # it.
     boresight: list[float] = vector([0.0, 0.0, 1.0], at_least=-1.0, at_most=1.0)
     blinded_within_deg: float = number(0.0, at_least=0.0, at_most=90.0, unit="degrees")
+    sun_within_deg: float = number(0.0, at_least=0.0, at_most=90.0, unit="degrees")
 
 
 class InertialAttitude(LeafSystem):
@@ -69,13 +70,15 @@ class StarTracker(SlowVector):
     ```
     attitude (4), R_NS ──────►┌─────────────┐
     body_attitude (4), R_KS ─►│ StarTracker ├─► measured (4): R_NS as measured; NaN: blinded
-    position (3), m, K ──────►└─────────────┘
+    position (3), m, K ──────►│             │
+    sun_direction (3), K ────►└─────────────┘
     ```
 
     It measures R_NS Rot(constant + varying)^T Rot(noise): a constant and a slowly varying error of
     mounting and tracker, which no filter can tell from the truth, and independent noise. It is
-    blinded while the direction to the body's centre lies within an angle of its optical axis; the
-    last two ports matter only then.
+    blinded while the direction to the body's centre, or to the Sun, lies within an angle of its
+    optical axis; the last three ports matter only then. `sun_direction` may remain open. A Sun that
+    the body hides blinds like any other.
     """
 
     def __init__(
@@ -99,10 +102,12 @@ class StarTracker(SlowVector):
         axis = np.array(sheet.boresight)
         x, y, z = (axis / np.linalg.norm(axis)).tolist()
         self._boresight = x, y, z
-        self._blinded = math.cos(math.radians(sheet.blinded_within_deg))
+        limits = sheet.blinded_within_deg, sheet.sun_within_deg
+        self._body, self._sun = (math.cos(math.radians(each)) if each else None for each in limits)
         self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
         self._body_port = self.DeclareVectorInputPort("body_attitude", 4)
         self._position_port = self.DeclareVectorInputPort("position", 3)
+        self._sun_port = self.DeclareVectorInputPort("sun_direction", 3)
         self.DeclareVectorOutputPort(
             "measured", 4, self._calc, {self.all_input_ports_ticket(), *self.seed_tickets()}
         )
@@ -124,9 +129,15 @@ class StarTracker(SlowVector):
         output.SetFromVector(quaternion_product((p, q, r, s), error))
 
     def _is_blinded(self, context) -> bool:
-        if self.sheet.blinded_within_deg <= 0.0:
+        blinding = []
+        if self._body is not None:
+            blinding.append((-self._position_port.Eval(context), self._body))
+        if self._sun is not None and self._sun_port.HasValue(context):
+            blinding.append((self._sun_port.Eval(context), self._sun))
+        if not blinding:
             return False
         w, x, y, z = self._body_port.Eval(context).tolist()
-        down = -self._position_port.Eval(context)
         axis = np.array(rotated((w, x, y, z), self._boresight))  # In K.
-        return float(axis @ down) > self._blinded * float(np.linalg.norm(down))
+        return any(
+            float(axis @ way) > least * float(np.linalg.norm(way)) for way, least in blinding
+        )

@@ -35,6 +35,19 @@ def test_the_torque_of_light_reaches_the_spacecraft_and_is_found() -> None:
     assert np.linalg.norm(taken - held) < 0.15 * np.linalg.norm(held)
 
 
+def test_the_star_tracker_is_told_where_the_sun_is() -> None:
+    """Only in sunlight; by the system itself, not by what is believed."""
+    without = {key: value for key, value in SETTINGS.items() if key != "sunlight"}
+    for settings in (SETTINGS, without):
+        diagram = make_transit_diagram(load_scenario(None, settings))
+        tracker = diagram.GetSubsystemByName("star_tracker")
+        port = tracker.GetInputPort("sun_direction")
+        own = tracker.GetMyContextFromRoot(diagram.CreateDefaultContext())
+        assert port.HasValue(own) == ("sunlight" in settings)
+        if "sunlight" in settings:
+            np.testing.assert_allclose(port.Eval(own), [0.6, 0.0, 0.8], atol=1e-12)
+
+
 def test_bounds_count_the_facets() -> None:
     """The worst of 2,000 ways, by the sum over the facets, is below the bound and near it."""
     without = {key: value for key, value in SETTINGS.items() if key != "sunlight"}

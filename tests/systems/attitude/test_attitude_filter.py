@@ -77,14 +77,18 @@ def test_sensors_have_the_noise_of_their_data_sheets():
     assert 1e-6 < np.abs(rates.mean()) < 1e-4  # The bias.
 
 
-def test_the_body_blinds_a_star_tracker_that_looks_at_it():
-    sheet = StarTrackerConfig(boresight=[1.0, 0.0, 0.0], blinded_within_deg=20.0)
-    tracker, still = StarTracker(sheet, 1.0, 0), np.array([1.0, 0, 0, 0])
-    for angle, blind in ((19.0, True), (21.0, False), (180.0, False)):
-        turn = Rotation.from_euler("z", -angle, degrees=True)  # The body at x, seen at an angle.
+@pytest.mark.parametrize("what", ["body", "Sun"])
+def test_body_and_sun_blind_a_star_tracker_that_looks_at_them(what):
+    """Which of them is at x, seen at an angle; the other is at y, and the tracker does not mind."""
+    limit = {"blinded_within_deg" if what == "body" else "sun_within_deg": 20.0}
+    tracker = StarTracker(StarTrackerConfig(boresight=[1.0, 0.0, 0.0], **limit), 1.0, 0)
+    x, y = np.eye(3)[:2]
+    place, sun = (-2e5 * x, y) if what == "body" else (-2e5 * y, x)
+    for angle, blind in ((19.0, True), (21.0, False), (90.0, False), (180.0, False)):
+        turn = Rotation.from_euler("z", -angle, degrees=True)
         found = evaluated(
-            tracker, 0.0, attitude=still, body_attitude=quaternion(turn),
-            position=np.array([-2e5, 0.0, 0.0]),
+            tracker, 0.0, attitude=np.array([1.0, 0, 0, 0]), body_attitude=quaternion(turn),
+            position=place, sun_direction=sun,
         )  # fmt: skip
         assert np.isnan(found).all() == blind
 
