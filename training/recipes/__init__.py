@@ -12,7 +12,7 @@ its guidance again. `recipe` has what they share. A new recipe needs a module an
 from proxops.training.recipes.any_body import AnyBodySettings, train_any_body
 from proxops.training.recipes.dagger import DaggerSettings, run_dagger
 from proxops.training.recipes.descent import DescentSettings, train_descent
-from proxops.training.recipes.family import family_plans, spacecraft_numbers, write_family
+from proxops.training.recipes.family import family_plans, write_family
 from proxops.training.recipes.paper import PaperSettings, train_paper_policy
 from proxops.training.recipes.pilot import PilotSettings, dimensions_of, part_task, train_pilot
 from proxops.training.recipes.pilot_examples import Hits, hits_of
@@ -42,7 +42,6 @@ __all__ = [
     "hits_of",
     "part_task",
     "run_dagger",
-    "spacecraft_numbers",
     "train_any_body",
     "train_descent",
     "train_paper_policy",

@@ -78,19 +78,6 @@ def write_family(folder: Path, seed: int, count: int) -> list[Path]:
     return paths
 
 
-def spacecraft_numbers(scenario: Scenario, body: Body) -> SpacecraftNumbers:
-    """Gives the dimensionless numbers of a scenario's spacecraft at its body."""
-    craft = scenario.spacecraft
-    forces = hover_map(body, craft.mass_kg, grow=scenario.transit.end_clearance_m).forces
-    length, acceleration = body.keep_out_semi_axes.max(), craft.thrust_limit_n / craft.mass_kg
-    return SpacecraftNumbers(
-        hover_share=float(forces.max() / craft.thrust_limit_n),
-        speed=float(craft.speed_limit_m_s / np.sqrt(length * acceleration)),
-        period=float(scenario.control_period_s / np.sqrt(length / acceleration)),
-        pace=float(scenario.mpc.nominal_acceleration_m_s2 / acceleration),
-    )
-
-
 def member_scenario(body: Body, body_path: str, numbers: SpacecraftNumbers) -> Scenario:
     """A scenario at a body with a spacecraft of the given numbers.
 

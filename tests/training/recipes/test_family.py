@@ -7,11 +7,12 @@ import pytest
 from short_flights import kleopatra
 
 from proxops.diagrams.flight import Workers
-from proxops.diagrams.scenario import Scenario, load_body, load_scenario
+from proxops.diagrams.new_body import hover_map
+from proxops.diagrams.scenario import Body, Scenario, load_body, load_scenario
 from proxops.systems.common import derived_seed
 from proxops.systems.shapes import clearances
 from proxops.training.data import expert_plans
-from proxops.training.recipes import family_plans, spacecraft_numbers, write_family
+from proxops.training.recipes import family_plans, write_family
 from proxops.training.recipes.family import RANGES, SpacecraftNumbers, member_scenario
 
 SEED = 11
@@ -22,6 +23,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("family")
     write_family(folder, SEED, 2)
     return folder
+
+
+def spacecraft_numbers(scenario: Scenario, body: Body) -> SpacecraftNumbers:
+    """The numbers without units of a scenario's spacecraft at its body."""
+    craft = scenario.spacecraft
+    hover = hover_map(body, craft.mass_kg, grow=scenario.transit.end_clearance_m).forces.max()
+    length, acceleration = body.keep_out_semi_axes.max(), craft.thrust_limit_n / craft.mass_kg
+    return SpacecraftNumbers(
+        hover_share=float(hover / craft.thrust_limit_n),
+        speed=float(craft.speed_limit_m_s / np.sqrt(length * acceleration)),
+        period=float(scenario.control_period_s / np.sqrt(length / acceleration)),
+        pace=float(scenario.mpc.nominal_acceleration_m_s2 / acceleration),
+    )
 
 
 def test_kleopatra_is_in_the_middle_of_the_ranges() -> None:
