@@ -42,6 +42,7 @@ from proxops.diagrams.meshcat import (
 from proxops.diagrams.scenario import Body, Scenario, TouchAndGoConfig, TrueBody, World
 from proxops.systems import DelayedHold, InputError, PlanarLidar, RigidSpacecraft
 from proxops.systems.common import offers_of
+from proxops.systems.vehicle import FreshHold, Reckoning
 
 
 class _Target(LeafSystem):
@@ -210,10 +211,12 @@ def diagram_of(
     hold_command(wiring, command, hold, command_hold)
     if isinstance(craft, RigidSpacecraft):
         acting = hold.GetOutputPort("y") if delay > 0.0 else wiring.logged["force"]
-        position = known["position"]
         if touches:  # The arm points along the normal, wherever the spacecraft is.
-            position = wiring.add("home", ConstantVectorSource(goal[:3])).get_output_port()
-        add_actuation(wiring, craft, acting, {**sensed, "position": position})
+            place: System = wiring.add("home", ConstantVectorSource(goal[:3]))
+        else:  # Frames come at control steps alone, and guidance asks at attitude steps.
+            held = wiring.add("state_sample", FreshHold(period, 6), u=known["state"])
+            place = wiring.add("reckoning", Reckoning(period), state=held.get_output_port())
+        add_actuation(wiring, craft, acting, {**sensed, "position": place.get_output_port()})
         if touches:
             estimator = wiring.builder.GetSubsystemByName("torque_estimator")
             outside = estimator.GetInputPort("outside_force")

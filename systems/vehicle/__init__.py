@@ -2,9 +2,10 @@
 
 Start with `Spacecraft`, the equations of motion in K; `RigidSpacecraft` turns, too.
 `RandomWalkDisturbance` and `ForceNoise` disturb the commanded force, `Thrusters` limits it and
-`DelayedHold` delays it; `FreshHold` holds without delay. `ActualThrust` makes of the held command
-what thrusters with errors give. `AttitudeError` is how the spacecraft's axes S are turned against
-K, and `CommandAxes` turns a command into S as the attitude is believed.
+`DelayedHold` delays it; `FreshHold` holds without delay, and `Reckoning` moves on from it.
+`ActualThrust` makes of the held command what thrusters with errors give. `AttitudeError` is how the
+spacecraft's axes S are turned against K, and `CommandAxes` turns a command into S as the attitude
+is believed.
 `VelocityKicks`, `Sunlight` and `UnexplainedAcceleration` push the spacecraft from outside, and
 `StateNoise` adds errors to a state. `FlightMonitor` finds arrival, collision and keep-out
 violations as events; `FlightEvents` says what a path does to them. `FlightLimits` are what plans
@@ -48,7 +49,7 @@ from proxops.systems.vehicle.flight_events import (
 from proxops.systems.vehicle.flight_limits import FlightLimits
 from proxops.systems.vehicle.flight_monitor import FlightMonitor
 from proxops.systems.vehicle.force_noise import ForceNoise, ForceNoiseConfig
-from proxops.systems.vehicle.fresh_hold import FreshHold
+from proxops.systems.vehicle.fresh_hold import FreshHold, Reckoning
 from proxops.systems.vehicle.gauss_markov import SlowVector, gauss_markov_at, white_noise_at
 from proxops.systems.vehicle.random_walk_disturbance import (
     RandomWalkDisturbance,
@@ -109,6 +110,7 @@ __all__ = [
     "PointMassConfig",
     "RandomWalkDisturbance",
     "RandomWalkDisturbanceConfig",
+    "Reckoning",
     "RigidBodyStart",
     "RigidSpacecraft",
     "RigidSpacecraft_",

@@ -1,6 +1,11 @@
-"""`FreshHold`: a zero-order hold that already gives the new sample at the sample's time."""
+"""`FreshHold`: a zero-order hold that already gives the new sample at the sample's time.
+
+`Reckoning` goes on from such a sample of a state.
+"""
 
 from __future__ import annotations
+
+import math
 
 from pydrake.systems.framework import LeafSystem
 
@@ -42,3 +47,26 @@ class FreshHold(LeafSystem):
 
     def _keep(self, context, discrete_state):
         discrete_state.set_value(self._sample, self._u_port.Eval(context))
+
+
+class Reckoning(LeafSystem):
+    """The position between samples of a state: it moves on with the velocity of the last.
+
+    ```
+    state (6), m and m/s: as `FreshHold` gives it ──► Reckoning ──► position (3), m
+    ```
+    """
+
+    def __init__(self, period: float):
+        """Takes the period of the samples in s; they are of its whole multiples."""
+        super().__init__()
+        check_positive("Reckoning", period=period)
+        self.period = period
+        self._port = self.DeclareVectorInputPort("state", 6)
+        depends = {self._port.ticket(), self.time_ticket()}
+        self.DeclareVectorOutputPort("position", 3, self._calc, depends)
+
+    def _calc(self, context, output):
+        state, time = self._port.Eval(context), context.get_time()
+        since = time - self.period * math.floor(time / self.period + _ROUNDING)
+        output.SetFromVector(state[:3] + since * state[3:])

@@ -14,6 +14,7 @@ from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import RigidBodyConfig, Scenario, load_scenario, load_spacecraft
 from proxops.systems.attitude import AttitudeGuidanceConfig, pointing_error
 from proxops.systems.common import InputError
+from proxops.systems.navigation.navigator import Navigator
 from proxops.systems.vehicle import STANDARD_GRAVITY
 
 # Errors of everything that a rigid spacecraft has, and of all else, are drawn and declared.
@@ -102,6 +103,23 @@ def test_a_thruster_that_fails_is_found_and_flown_without():
     # It turned, so that nobody asks for that.
     turned = log.dataset["reference_attitude"].values
     assert np.degrees(pointing_error(turned[-1], turned[0])) > 20.0
+
+
+def test_pointing_takes_no_frames_but_those_of_control_steps(monkeypatch):
+    """Guidance asks where the body is at each attitude step, and frames come at control steps."""
+    times: list[float] = []
+    step = Navigator.step
+
+    def counted(self, *given, **options):
+        times.append(len(times))
+        return step(self, *given, **options)
+
+    monkeypatch.setattr(Navigator, "step", counted)
+    brief = rigid(arrival__deadline_s=60.0, arrival__dwell_s=30.0)
+    craft = dc.replace(brief.spacecraft, pointing=AttitudeGuidanceConfig(mode="body"))
+    log = fly(dc.replace(brief, spacecraft=craft))
+    assert len(times) <= log.summary["steps"] + 2
+    assert pointing_errors(log)[5:].max() < 0.1
 
 
 class Tumble(LeafSystem):

@@ -24,7 +24,7 @@ from proxops.systems.attitude import (
     control_torque,
     pointing_error,
 )
-from proxops.systems.vehicle import FreshHold
+from proxops.systems.vehicle import FreshHold, Reckoning
 
 WHEELS = typing.cast(WheelArray, load_spacecraft("smallsat").wheels)
 VECTOR = st.lists(st.floats(-0.5, 0.5), min_size=3, max_size=3).map(np.array)
@@ -205,6 +205,17 @@ def test_a_fresh_hold_gives_a_sample_in_the_instant_in_which_it_is_taken():
     for time, value in ((1.0, 5.0), (9.999, 5.0), (10.0, 7.0), (30.000000001, 7.0)):
         context.SetTime(time)
         assert hold.get_output_port().Eval(context) == value
+
+
+def test_reckoning_moves_on_with_the_velocity_of_the_sample():
+    reckoning = Reckoning(10.0)
+    context = reckoning.CreateDefaultContext()
+    reckoning.get_input_port().FixValue(context, [1e5, 0.0, -5.0, 2.0, -1.0, 0.0])
+    for time, since in ((0.0, 0.0), (3.0, 3.0), (10.0, 0.0), (29.999, 9.999), (30.000000001, 0.0)):
+        context.SetTime(time)
+        wanted = [1e5 + 2.0 * since, -since, -5.0]
+        found = reckoning.get_output_port().Eval(context)
+        np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-7)
 
 
 def test_the_given_force_is_the_mean_of_a_control_period_and_how_early_it_was():
