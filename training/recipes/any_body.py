@@ -29,6 +29,7 @@ from proxops.training.recipes.recipe import (
     report_head,
     sha256_of,
     trained_settings,
+    trained_text,
 )
 from proxops.training.reports import Section, Table, Text, markdown_page
 
@@ -307,12 +308,7 @@ def ranges_of(members: Sequence[Surroundings]) -> dict[str, list[float]]:
 
 def _sections(report: dict[str, Any], ranges: dict[str, list[float]]) -> list[Section]:
     """The report for people."""
-    run = report["training"]
-    trained = Text(
-        f"{run['epochs']} epochs, {run['cpu_s']:.0f} s of processor time, loss "
-        f"{run['training_loss']:.4f}, and {run['validation_loss']:.4f} at the bodies that were "
-        "held out."
-    )
+    trained = trained_text(report["training"])
     errors = [
         [name, str(row["states"]), f"{row['rms']:.3f}", f"{row['median']:.3f}"]
         for name, row in report["force_errors"].items()

@@ -34,7 +34,13 @@ from proxops.systems.touch import (
 from proxops.training.export import export_descent
 from proxops.training.loop import Schedule, TrainingTask, seeded
 from proxops.training.networks import DescentCorrection
-from proxops.training.recipes.recipe import RecipeSettings, learned, report_head, sha256_of
+from proxops.training.recipes.recipe import (
+    RecipeSettings,
+    learned,
+    report_head,
+    sha256_of,
+    trained_text,
+)
 from proxops.training.reports import Section, Table, Text, markdown_page
 
 _STREAM, _BODIES_SEED = 9, 5
@@ -267,12 +273,6 @@ def _example(
 
 def _sections(report: dict[str, Any]) -> list[Section]:
     """The report for people."""
-    run = report["training"]
-    trained = Text(
-        f"{run['epochs']} epochs, {run['cpu_s']:.0f} s of processor time, loss "
-        f"{run['training_loss']:.4f}, and {run['validation_loss']:.4f} at the bodies that were "
-        "held out."
-    )
     rows = [
         [
             name,
@@ -283,4 +283,4 @@ def _sections(report: dict[str, Any]) -> list[Section]:
     ]
     table = Table(["", "states", "law alone, median", "median", "95 %"], rows)
     told = Text("Errors of the force over its size:")
-    return [Section("Training", [trained, told, table])]
+    return [Section("Training", [trained_text(report["training"]), told, table])]

@@ -16,6 +16,7 @@ from proxops.diagrams.scenario import Scenario
 from proxops.systems.common import InputError, Progress, silent
 from proxops.training.data import Labels
 from proxops.training.loop import Schedule, Trained, TrainingTask, train
+from proxops.training.reports import Text
 
 # Errors of force over the thrust limit. Below the first, the loss is quadratic. Beyond the second,
 # which a hybrid's gate refuses, a greater error costs little more: it mostly shows that the expert
@@ -133,6 +134,15 @@ def sha256_of(columns: Iterable[Tensor], start: str = "") -> str:
     for column in columns:
         data.update(column.numpy().tobytes())
     return data.hexdigest()
+
+
+def trained_text(run: dict[str, Any]) -> Text:
+    """Says how a training at bodies, some of which were held out, went."""
+    return Text(
+        f"{run['epochs']} epochs, {run['cpu_s']:.0f} s of processor time, loss "
+        f"{run['training_loss']:.4f}, and {run['validation_loss']:.4f} at the bodies that were "
+        "held out."
+    )
 
 
 def report_head(recipe: str, settings: RecipeSettings, data: dict[str, str]) -> dict[str, Any]:
