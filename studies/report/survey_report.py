@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from proxops.diagrams.meshcat import write_frames
 from proxops.diagrams.surveys import Surveyed
@@ -174,7 +174,7 @@ def write_survey_film(path: Path, surveyed: Surveyed, frames: int = 60) -> None:
         facets.set_clip_on(False)  # The picture is wider than the axes.
         axis.add_collection3d(facets)
         axis.set(xlim=(-half, half), ylim=(-half, half), zlim=(-half, half))
-        axis.set_box_aspect((1.0, 1.0, 1.0), zoom=2.0)
+        axis.set_box_aspect((1.0, 1.0, 1.0), zoom=2)
         axis.set_axis_off()
         axis.view_init(elev=20.0, azim=azimuth)
         hours = (time - returns.times[0]) / 3600.0
@@ -197,7 +197,7 @@ def first_seen(surveyed: Surveyed) -> Values:
     """
     made, found = surveyed.made, surveyed.found
     points = (found.survey.placed(found.returns).points - made.centre) @ made.rotation.T
-    _, nearest = cKDTree(made.shape.vertices).query(points)
+    _, nearest = KDTree(made.shape.vertices).query(points)
     seen = np.full(len(made.shape.vertices), np.inf)
     np.minimum.at(seen, nearest, found.returns.times[found.returns.frames])
     return seen

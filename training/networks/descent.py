@@ -15,22 +15,20 @@ class DescentCorrection(nn.Module):
     def __init__(self, width: int):
         """Takes the width of both layers."""
         super().__init__()
-        self.layers = nn.ModuleList(
-            [nn.Linear(DESCENT_INPUTS, width), nn.Linear(width, width), nn.Linear(width, 3)]
-        )
+        self.first, self.second = nn.Linear(DESCENT_INPUTS, width), nn.Linear(width, width)
+        self.last = nn.Linear(width, 3)
         with torch.no_grad():
-            for weights in self.layers[-1].parameters():
+            for weights in self.last.parameters():
                 weights.zero_()
 
     def forward(self, given: Tensor) -> Tensor:
         """Corrections (B, 3) for rows (B, 22) of `descent_inputs`."""
-        hidden, (*inner, last) = given.asinh(), self.layers
-        for layer in inner:
-            hidden = nn.functional.silu(layer(hidden))
-        return last(hidden)
+        hidden = nn.functional.silu(self.first(given.asinh()))
+        return self.last(nn.functional.silu(self.second(hidden)))
 
     @torch.no_grad()
     def compiled(self) -> DescentNetwork:
         """What flies."""
-        parts = [part for layer in self.layers for part in (layer.weight, layer.bias)]
+        layers = self.first, self.second, self.last
+        parts = [part for layer in layers for part in (layer.weight, layer.bias)]
         return DescentNetwork(*(np.array(part.numpy(force=True)) for part in parts))

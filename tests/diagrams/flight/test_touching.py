@@ -19,8 +19,8 @@ from proxops.diagrams.scenario import (
     touch_site,
     with_site,
 )
-from proxops.systems import FlownBy
 from proxops.systems.common import InputError
+from proxops.systems.hybrid import FlownBy
 from proxops.systems.touch import TouchPhase
 
 SITE = [-252.14338085390872, -69.76997925691796, 42.55667400738204]

@@ -78,7 +78,7 @@ def test_a_film_shows_what_was_seen_by_then(tmp_path: Path) -> None:
     np.testing.assert_array_equal(seen[1:], returns.times[returns.frames])
     write_survey_film(tmp_path / "map.webp", surveyed, frames=3)
     with Image.open(tmp_path / "map.webp") as film:
-        assert film.n_frames == 3
+        assert getattr(film, "n_frames", 1) == 3
         dark = []
         for k in range(3):
             film.seek(k)

@@ -14,6 +14,7 @@ from proxops.systems.touch import (
     DescentGuidance,
     DescentPolicy,
     Site,
+    TouchPhase,
     descent_inputs,
     site_axes,
 )
@@ -41,13 +42,13 @@ def over_a_place(length: float = 1.0, time: float = 1.0, spin: float = 0.0) -> D
     turning = SteadySpin([0.0, 0.0, spin / time])
     site = Site(length * np.array([1.0, 2.0, 3.0]), NORMAL)
     thrust = 6.0 * length / time**2
-    return DescentGuidance(EvenField(pull), turning, 1400.0, thrust, site, descent)
+    return DescentGuidance(EvenField(pull.tolist()), turning, 1400.0, thrust, site, descent)
 
 
 def test_the_law_is_that_of_the_least_effort() -> None:
     """Controls of 2,000 intervals by least squares, in the limit of which the law is exact."""
     guidance, duration, n = over_a_place(), 480.0, 2000
-    target = guidance.target(1)
+    target = guidance.target(TouchPhase.CHECKPOINT)
     given, law = descent_inputs(guidance, STATE, target, duration, 0.0)
     step = duration / n
     late = duration - step * (np.arange(n) + 0.5)
@@ -63,7 +64,7 @@ def test_the_law_is_that_of_the_least_effort() -> None:
 
 def test_without_a_network_s_correction_the_law_flies() -> None:
     guidance = over_a_place(spin=3e-4)
-    target, duration = guidance.aim(1, 20.0)
+    target, duration = guidance.aim(TouchPhase.CHECKPOINT, 20.0)
     _, law = descent_inputs(guidance, STATE, target, duration, 120.0)
     unit = guidance.mass * guidance.descent.speed_m_s / duration
     force = DescentPolicy(guidance, NOTHING).force(20.0, STATE, 100.0)
@@ -82,7 +83,7 @@ def test_inputs_have_no_units() -> None:
     for length, time in ((1.0, 1.0), (7.0, 0.3)):
         guidance = over_a_place(length, time, spin=3e-4)
         state = STATE * np.repeat([length, length / time], 3)
-        target, duration = guidance.aim(1, 20.0 * time)
+        target, duration = guidance.aim(TouchPhase.CHECKPOINT, 20.0 * time)
         rows.append(np.concatenate(descent_inputs(guidance, state, target, duration, 0.0)))
     np.testing.assert_allclose(rows[1], rows[0], rtol=1e-9)
 

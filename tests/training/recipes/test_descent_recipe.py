@@ -73,7 +73,7 @@ def test_from_plans_to_a_bundle(tmp_path: Path) -> None:
 def test_what_flies_is_what_was_trained() -> None:
     torch.manual_seed(2)
     network = DescentCorrection(8)
-    torch.nn.init.normal_(network.layers[-1].weight)
+    torch.nn.init.normal_(network.last.weight)
     given = 3.0 * torch.randn(20, DESCENT_INPUTS)
     got = network.compiled().correction(given.numpy())
     np.testing.assert_allclose(got, network(given).detach(), rtol=1e-4, atol=1e-5)
