@@ -169,7 +169,7 @@ def test_it_flies_again_bit_for_bit(touched: FlightLog) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("controller", "share"), [("policy", 1.0), ("hybrid", 0.5)])
+@pytest.mark.parametrize(("controller", "share"), [("policy", 1.0), ("hybrid", 0.3)])
 def test_a_policy_flies_the_legs(controller: str, share: float) -> None:
     """The hybrid asks the program at each tenth step, and at the first."""
     log = fly(low(), controller)
