@@ -254,7 +254,7 @@ def _holds(flown: Sequence[FlownCampaign]) -> Table:
             f"{each.campaign.title}: {name}",
             result.succeeded(),
             interval_text(result.success_rate_exact_interval),
-            number_text(result.keep_out_violations, "d"),
+            number_text(result.keep_out_violations, ".0f"),
             number_text(result.expert_delta_v_ratio, ".3f"),
             f"proxops reproduce {each.campaign.name}",
         ]

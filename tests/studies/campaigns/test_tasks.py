@@ -12,8 +12,9 @@ from proxops.cli.main import app
 from proxops.diagrams import surveys
 from proxops.diagrams.flight import Workers
 from proxops.diagrams.scenario import Body, Scenario, SurveyConfig, load_scenario
-from proxops.studies.campaigns import Variant, fly_tasks, makes_a_map
+from proxops.studies.campaigns import Variant, all_campaigns, fly_tasks, makes_a_map
 from proxops.studies.figures import aggregate_all, figure_rows
+from proxops.studies.reproduction import fly_and_tell
 from proxops.systems.common import InputError
 
 FIGURES = {
@@ -91,6 +92,20 @@ def test_surveys_by_the_command(tmp_path: Path, asked: list[int]) -> None:
     assert "the survey saw 60 % of the surface" in (tmp_path / "report.md").read_text()
     row = json.loads((tmp_path / "flights/survey-5-00000/row.json").read_text())
     assert "dispersions: first_look" in row["task"]["scenario"]
+
+
+def test_a_part_of_the_evidence(tmp_path: Path, asked: list[int]) -> None:
+    (known,) = (each for each in all_campaigns() if each.name == "map-kleopatra")
+    wanted = [dc.replace(known, transits=3)]
+    content = fly_and_tell(wanted, wanted, Scenario(), tmp_path, workers=Workers(1))
+    entry = content["campaigns"]["map-kleopatra"]
+    assert entry["controllers"]["survey"]["successes"] == 1
+    assert entry["controllers"]["survey"]["ended_early"] == 1
+    told = (tmp_path / "report.md").read_text()
+    assert "proxops reproduce map-kleopatra" in told
+    assert "map, rms over the size (%)" in told
+    fly_and_tell(wanted, wanted, Scenario(), tmp_path, workers=Workers(1))
+    assert asked == [0, 1, 2]
 
 
 @pytest.mark.slow
