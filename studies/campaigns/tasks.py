@@ -62,12 +62,12 @@ class TaskRun:
         Raises:
           InputError: the folder holds the row of another one.
         """
-        path = self.folder / _ROW
+        path, identity = self.folder / _ROW, self.identity
         if not path.is_file():
             make_folder(self.folder)
-            write_json(path, {"task": self.identity, "summary": self._flown()})
+            write_json(path, {"task": identity, "summary": self._flown()})
         content = json.loads(path.read_text(encoding="utf-8"))
-        if content["task"] != self.identity:
+        if content["task"] != identity:
             raise InputError(
                 f"{path} is of another scenario, controller, body or version of proxops: give "
                 "another output folder, or remove this file to fly it anew"

@@ -20,7 +20,12 @@ from proxops.systems.common.array_types import (
     Vector3,
     Vectors3,
 )
-from proxops.systems.common.bundles import BundleKind, open_session
+from proxops.systems.common.bundles import (
+    BundleKind,
+    open_session,
+    packed_arrays,
+    unpacked_arrays,
+)
 from proxops.systems.common.checks import (
     LARGEST,
     Vector,
@@ -147,6 +152,7 @@ __all__ = [
     "one_of",
     "one_thread",
     "open_session",
+    "packed_arrays",
     "part_of",
     "processor",
     "quaternion_inverse",
@@ -159,6 +165,7 @@ __all__ = [
     "threads_to_use",
     "turned_vector",
     "unit_of",
+    "unpacked_arrays",
     "values_in_words",
     "vector",
     "vector_of",

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import typing
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+
+import numpy as np
 
 from proxops.systems.common.errors import InputError
 from proxops.systems.common.files import whole_folder
@@ -102,6 +105,26 @@ class BundleKind:
             (part / self.file).write_text(json.dumps(told, indent=2, allow_nan=False) + "\n")
             if report is not None:
                 (part / "report.md").write_text(report, encoding="utf-8")
+
+
+def packed_arrays(arrays: typing.Mapping[str, np.ndarray]) -> bytes:
+    """The content of an .npz file of arrays by their names, the same for the same numbers."""
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+def unpacked_arrays(content: bytes, names: typing.Iterable[str]) -> dict[str, np.ndarray]:
+    """Reads arrays that `packed_arrays` packed.
+
+    Raises:
+      InputError: it is no such content, or an array is missing.
+    """
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            return {name: np.ascontiguousarray(file[name]) for name in names}
+    except Exception as error:  # Those of a damaged archive have no common type.
+        raise InputError(f"the network's file cannot be read: {error}") from error
 
 
 def open_session(model: bytes) -> ort.InferenceSession:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import BundleKind, InputError, Values, Vectors3
+from proxops.systems.common import (
+    BundleKind,
+    InputError,
+    Values,
+    Vectors3,
+    packed_arrays,
+    unpacked_arrays,
+)
 
 DESCENT_INPUTS = 22
 """Of a row: see `proxops.systems.touch.descent_inputs`."""
@@ -47,9 +53,7 @@ class DescentNetwork(NamedTuple):
 
     def to_bytes(self) -> bytes:
         """The content of an .npz file, the same for the same numbers."""
-        file = io.BytesIO()
-        np.savez(file, **self._asdict())
-        return file.getvalue()
+        return packed_arrays(self._asdict())
 
     @classmethod
     def from_bytes(cls, content: bytes) -> DescentNetwork:
@@ -58,11 +62,7 @@ class DescentNetwork(NamedTuple):
         Raises:
           InputError: it is not such a file, or an array has another shape or is not finite.
         """
-        try:
-            with np.load(io.BytesIO(content), allow_pickle=False) as file:
-                network = cls(**{name: file[name] for name in cls._fields})
-        except Exception as error:  # Those of a damaged archive have no common type.
-            raise InputError(f"the network's file cannot be read: {error}") from error
+        network = cls(**unpacked_arrays(content, cls._fields))
         width = network.biases_1.size
         shapes = (width, DESCENT_INPUTS), (width,), (width, width), (width,), (3, width), (3,)
         for (name, array), shape in zip(network._asdict().items(), shapes, strict=True):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import InputError
+from proxops.systems.common import InputError, packed_arrays, unpacked_arrays
 from proxops.systems.policy import _guidance_kernel as kernel
 from proxops.systems.policy.surroundings import INPUTS
 
@@ -63,9 +62,7 @@ class GuidanceNetwork(NamedTuple):
 
     def to_bytes(self) -> bytes:
         """The content of an .npz file, the same for the same numbers."""
-        file = io.BytesIO()
-        np.savez(file, **self._asdict())
-        return file.getvalue()
+        return packed_arrays(self._asdict())
 
     @classmethod
     def from_bytes(cls, content: bytes) -> GuidanceNetwork:
@@ -74,11 +71,7 @@ class GuidanceNetwork(NamedTuple):
         Raises:
           InputError: it is not such a file, or an array has another shape or is not finite.
         """
-        try:
-            with np.load(io.BytesIO(content), allow_pickle=False) as file:
-                network = cls(**{name: np.ascontiguousarray(file[name]) for name in cls._fields})
-        except Exception as error:  # Those of a damaged archive have no common type.
-            raise InputError(f"the network's file cannot be read: {error}") from error
+        network = cls(**unpacked_arrays(content, cls._fields))
         network.check()
         return network
 

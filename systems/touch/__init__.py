@@ -16,7 +16,7 @@ from proxops.systems.touch.contact_plant import (
     place_craft,
 )
 from proxops.systems.touch.descent import DescentConfig, DescentGuidance, Site, TouchPhase
-from proxops.systems.touch.descent_policy import DescentPolicy, descent_inputs, site_axes
+from proxops.systems.touch.descent_policy import DescentPolicy, descent_inputs
 from proxops.systems.touch.mission import (
     AbortReason,
     AwayConfig,
@@ -73,7 +73,6 @@ __all__ = [
     "place_below",
     "place_craft",
     "place_near",
-    "site_axes",
     "tangents",
     "use_of_limits",
     "why_not",

@@ -26,6 +26,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 
 from proxops.systems.common import (
     InputError,
+    Matrix3,
     SolverFailure,
     State,
     Vector3,
@@ -131,11 +132,13 @@ class DescentGuidance:
             raise InputError(f"the heights of a descent must fall, got {heights}")
         self.field, self.spin, self.mass, self.thrust = field, spin, mass, thrust
         self.site = site
+        self.axes = np.vstack([*tangents(site.normal[None]), site.normal])
+        """Rows (3, 3): two directions across the normal, and the normal, in K."""
         # Of the controls, so that they are numbers of order one.
         weight = float(np.abs(self.apparent_gravity(site.position, 0.0)).max())
         self.unit = max(weight, descent.speed_m_s / descent.contact_s)
         self._ends = np.cumsum([descent.checkpoint_s, descent.matchpoint_s, descent.contact_s])
-        self._limits = _corridor(site, descent)
+        self._limits = _corridor(site, self.axes, descent)
         self._options = SolverOptions()
         self._options.SetOption(ClarabelSolver.id(), "presolve_enable", False)
         self._solver = ClarabelSolver()
@@ -298,9 +301,9 @@ class DescentGuidance:
 _SCALES = np.repeat([1.0, _SPEED_UNIT], 3)
 
 
-def _corridor(site: Site, descent: DescentConfig) -> tuple[np.ndarray, np.ndarray]:
+def _corridor(site: Site, axes: Matrix3, descent: DescentConfig) -> tuple[np.ndarray, np.ndarray]:
     """The limits rows (L, 6) @ state >= bounds (L,) of corridor and speed, in m and cm/s."""
-    first, second = (axis[0] for axis in tangents(site.normal[None]))
+    first, second, _ = axes
     angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
     across = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
     # Inside the round cone.

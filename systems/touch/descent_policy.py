@@ -16,10 +16,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from proxops.systems.common import Matrix3, State, Values, Vector3
+from proxops.systems.common import State, Values, Vector3
 from proxops.systems.policy import DescentNetwork
 from proxops.systems.touch.descent import DescentGuidance, TouchPhase
-from proxops.systems.touch.sites import tangents
 
 
 class DescentPolicy:
@@ -28,7 +27,6 @@ class DescentPolicy:
     def __init__(self, guidance: DescentGuidance, network: DescentNetwork):
         """Takes the guidance, which knows place, body and spacecraft, and the network."""
         self.guidance, self.network = guidance, network
-        self._axes = site_axes(guidance)
 
     def force(self, elapsed: float, state: State, begun: float = 0.0) -> Vector3:
         """The force (3,) in N in K: see `DescentGuidance.force`."""
@@ -39,13 +37,7 @@ class DescentPolicy:
         given, law = descent_inputs(guidance, state, target, duration, begun + elapsed)
         wanted = law + self.network.correction(given.astype(np.float32))
         unit = guidance.mass * guidance.descent.speed_m_s / duration
-        return np.clip(unit * wanted @ self._axes, -guidance.thrust, guidance.thrust)
-
-
-def site_axes(guidance: DescentGuidance) -> Matrix3:
-    """Rows (3, 3): two directions across a site's normal, and the normal, in K."""
-    normal = guidance.site.normal
-    return np.vstack([*tangents(normal[None]), normal])
+        return np.clip(unit * wanted @ guidance.axes, -guidance.thrust, guidance.thrust)
 
 
 def descent_inputs(
@@ -62,7 +54,7 @@ def descent_inputs(
       (22,): way, velocity, natural acceleration here and at the target, the body's turn, height,
       four of the corridor, the limit of speed and that of thrust; and the law (3,).
     """
-    descent, axes = guidance.descent, site_axes(guidance)
+    descent, axes = guidance.descent, guidance.axes
     speed, spin = descent.speed_m_s, guidance.spin.angular_velocity(time)
     length = speed * duration
 

@@ -29,7 +29,6 @@ from proxops.systems.touch import (
     Site,
     TouchPhase,
     descent_inputs,
-    site_axes,
 )
 from proxops.training.export import export_descent
 from proxops.training.loop import Schedule, TrainingTask, seeded
@@ -267,7 +266,7 @@ def _example(
     target, duration = guidance.aim(leg, elapsed)
     force, _ = guidance.plan(state, target, duration, elapsed)
     given, law = descent_inputs(guidance, state, target, duration, elapsed)
-    wanted = site_axes(guidance) @ force * duration / (guidance.mass * guidance.descent.speed_m_s)
+    wanted = guidance.axes @ force * duration / (guidance.mass * guidance.descent.speed_m_s)
     return np.concatenate([given, law, wanted])
 
 

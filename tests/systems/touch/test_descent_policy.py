@@ -16,7 +16,6 @@ from proxops.systems.touch import (
     Site,
     TouchPhase,
     descent_inputs,
-    site_axes,
 )
 
 NORMAL = np.array([2.0, -1.0, 2.0]) / 3.0
@@ -58,7 +57,7 @@ def test_the_law_is_that_of_the_least_effort() -> None:
     wanted = np.array([target[:3] - free, target[3:] - STATE[3:] - duration * pull])
     first = (np.linalg.pinv(maps) @ wanted)[0]
     unit = guidance.descent.speed_m_s / duration
-    np.testing.assert_allclose(unit * law @ site_axes(guidance), first, rtol=1e-3, atol=1e-3 * unit)
+    np.testing.assert_allclose(unit * law @ guidance.axes, first, rtol=1e-3, atol=1e-3 * unit)
     assert given.shape == (DESCENT_INPUTS,)
 
 
@@ -68,7 +67,7 @@ def test_without_a_network_s_correction_the_law_flies() -> None:
     _, law = descent_inputs(guidance, STATE, target, duration, 120.0)
     unit = guidance.mass * guidance.descent.speed_m_s / duration
     force = DescentPolicy(guidance, NOTHING).force(20.0, STATE, 100.0)
-    np.testing.assert_allclose(force, unit * law @ site_axes(guidance), rtol=1e-12)
+    np.testing.assert_allclose(force, unit * law @ guidance.axes, rtol=1e-12)
     # It is within a fifth of the program, which holds a force for a tenth of the time.
     planned = guidance.force(20.0, STATE, 100.0)
     assert np.linalg.norm(force - planned) < 0.2 * np.linalg.norm(planned)
