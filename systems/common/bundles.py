@@ -110,7 +110,7 @@ class BundleKind:
 def packed_arrays(arrays: typing.Mapping[str, np.ndarray]) -> bytes:
     """The content of an .npz file of arrays by their names, the same for the same numbers."""
     file = io.BytesIO()
-    np.savez(file, **arrays)
+    np.savez(file, allow_pickle=False, **arrays)
     return file.getvalue()
 
 
