@@ -71,6 +71,7 @@ def add_on_board(
         ranges=signals["ranges"],
         commanded_force=acted,
         commanded_thrust=signals.get("commanded_thrust"),
+        force_apart=signals.get("force_apart"),
         force_lead=signals.get("force_lead"),
         body_attitude=body_attitude,
         outside_force=signals.get("head_force"),

@@ -134,7 +134,8 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
       `attitude` (R_NS) and `angular_velocity` as known on board; `body_attitude` and
       `middle_attitude`, R_KS with the spin as believed, now and half a period later; and
       `commanded_force` and `commanded_thrust`, what the thrusters gave over the last control
-      period, as far as is known, together and all added up, and `force_lead`, how early.
+      period, as far as is known, together and all added up, `force_apart`, as the root of the sum
+      of squares, and `force_lead`, how early.
     """
     scenario, world = wiring.scenario, wiring.world
     settings = scenario.spacecraft
@@ -167,6 +168,7 @@ def add_attitude_sensors(wiring: Wiring, craft: RigidSpacecraft) -> Signals:
         **{name: known.GetOutputPort(name) for name in names},
         "commanded_force": given.GetOutputPort("mean_force"),
         "commanded_thrust": given.GetOutputPort("mean_thrust"),
+        "force_apart": given.GetOutputPort("mean_apart"),
         "force_lead": given.GetOutputPort("force_lead"),
     }
 
@@ -200,7 +202,7 @@ def add_actuation(
     if guidance.HasInputPort("lost"):
         builder.Connect(allocation.GetOutputPort("lost"), guidance.GetInputPort("lost"))
     given = builder.GetSubsystemByName("given_force")
-    for name in ("force", "thrust"):
+    for name in ("force", "thrust", "apart"):
         builder.Connect(allocation.GetOutputPort(f"given_{name}"), given.GetInputPort(name))
     times = wiring.held("thruster_hold", allocation.GetOutputPort("on_times"), own.period)
     estimator = builder.GetSubsystemByName("torque_estimator")

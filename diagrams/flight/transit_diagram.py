@@ -202,8 +202,8 @@ def diagram_of(
     sensed: Signals = {}
     if isinstance(craft, RigidSpacecraft):
         sensed = add_attitude_sensors(wiring, craft)
-        names = ("body_attitude", "commanded_force", "commanded_thrust", "force_lead")
-        true |= {name: sensed[name] for name in names}
+        given = ("commanded_force", "commanded_thrust", "force_apart", "force_lead")
+        true |= {name: sensed[name] for name in ("body_attitude", *given)}
     else:
         add_thrust(wiring, hold.GetOutputPort("y"), attitude, craft)
     true["ranges"] = without_moons(wiring, true["ranges"], sensed.get("body_attitude"))

@@ -83,11 +83,11 @@ QUANTITIES = (
     Quantity("truth.thrusters.failure_time_s", needs="truth.thrusters.failed_axis"),
     Quantity("truth.rigid_body.inertia", 1.0, bounds=HARMLESS),
     Quantity("truth.rigid_body.centre_of_mass_m", bounds=HARMLESS),
-    Quantity("truth.rigid_body.thruster_scale_std", 0.0, "thrust_varying", "thrust"),
+    Quantity("truth.rigid_body.thruster_scale_std", 0.0, "thruster", "thrust"),
     Quantity(
         "truth.rigid_body.thruster_direction_std_deg",
         0.0,
-        "thrust_direction_deg",
+        "thruster_direction_deg",
         "thrust_direction_deg",
     ),
     Quantity("truth.rigid_body.thruster_place_std_m", bounds=HARMLESS),

@@ -113,14 +113,14 @@ def expected_errors(dispersions: Dispersions) -> ExpectedErrors:
         std, alike = settled_noise(noise, scenario.attitude_period_s, scenario.attitude_steps)
         errors.attitude_noise_deg = math.degrees(std)
         errors.attitude_noise_correlation_s = alike
-        # Which thrusters push changes; what they have in common on the whole remains.
-        across = dispersions.rms("truth.rigid_body.thruster_direction_std_deg") or 0.0
-        varying = math.hypot(errors.thrust_varying, math.radians(across))
-        errors.thrust = math.hypot(errors.thrust, varying)
         if craft.pointing.mode != "hold":
             # What is constant along S varies along K, where it is estimated.
-            varying = math.hypot(errors.thrust, math.radians(errors.thrust_direction_deg))
-        errors.thrust_varying = varying
+            across = math.radians(errors.thrust_direction_deg)
+            errors.thrust_varying = math.hypot(errors.thrust, across)
+        # Which thrusters push changes; what they have in common on the whole remains.
+        own = errors.thruster_direction_deg
+        errors.thrust = math.hypot(errors.thrust, errors.thruster, math.radians(own))
+        errors.thrust_direction_deg = math.hypot(errors.thrust_direction_deg, own)
     contrast = dispersions.rms("truth.density_contrast")
     if contrast is not None:
         errors.centre_of_mass_m = _shift(body.shape, body.gravity_field.mass, contrast)

@@ -145,6 +145,7 @@ class ThrusterAllocation(LeafSystem):
     torque (3), N m, S ───────────►│ ThrusterAllocation │─► given_force (3), N, K as believed
     thruster_torques (3 n), N m ──►│                    │─► given_torque (3), N m, S
     failed (n) ───────────────────►│                    │─► given_thrust (1), N
+                                   │                    │─► given_apart (3), N, K as believed
                                    └────────────────────┘─► lost (3), S
     ```
 
@@ -152,7 +153,7 @@ class ThrusterAllocation(LeafSystem):
     thruster that is on gives, as estimated, and `failed` is 1 of those that give nothing; both may
     remain open: then the data sheet holds. `given_…` is what the on-times give in the mean over the
     period, as far as is known, so that wheels give the rest of the torque and navigation knows the
-    force. `lost` is the middle of the directions in which the thrusters that are left cannot push,
+    force: together, as the sum of all sizes, and as the root of the sum of squares along each axis. `lost` is the middle of the directions in which the thrusters that are left cannot push,
     a unit vector, or 0; what is asked for along them is left out, so that the rest of the force is
     given. What is owed because a pulse was too short, and the basis of the last solution, are
     discrete state.
@@ -177,7 +178,13 @@ class ThrusterAllocation(LeafSystem):
             {self.all_input_ports_ticket(), self.xd_ticket()},
         )
         for k, (name, size) in enumerate(
-            (("on_times", n), ("given_force", 3), ("given_torque", 3), ("given_thrust", 1))
+            (
+                ("on_times", n),
+                ("given_force", 3),
+                ("given_torque", 3),
+                ("given_thrust", 1),
+                ("given_apart", 3),
+            )
         ):
             self.DeclareVectorOutputPort(
                 name,
@@ -220,10 +227,12 @@ class ThrusterAllocation(LeafSystem):
         found = self._program.solve(force, torque, wrenches, memory[n:])
         owed = memory[:n]
         on, owed = pulses(self.period * found.shares, owed, self.period, self.layout.least_on_time)
-        given = wrenches @ (on / self.period)
-        thrust = self.layout.forces @ (on / self.period)
+        shares = on / self.period
+        given = wrenches @ shares
+        apart = np.sqrt((axes @ wrenches[:3]) ** 2 @ shares**2)
         memory = np.append(owed, found.basis)
-        value.set_value((on, axes @ given[:3], given[3:], [thrust], memory))
+        thrust = self.layout.forces @ shares
+        value.set_value((on, axes @ given[:3], given[3:], [thrust], apart, memory))
 
     def _remember(self, context, discrete_state):
-        discrete_state.set_value(self._memory, self._step.Eval(context)[4])
+        discrete_state.set_value(self._memory, self._step.Eval(context)[5])

@@ -59,8 +59,8 @@ class ProcessNoise(NamedTuple):
     """Variance that the attitude gets, in rad^2."""
     decay: float
     """Factor on the varying acceleration."""
-    varying: float
-    """Variance that this acceleration gets, in m^2/s^4."""
+    varying: np.ndarray
+    """Variance (3,) that this acceleration gets, in m^2/s^4."""
     kept: float
     """Factor on the star tracker's error."""
     tracker: float
@@ -237,7 +237,7 @@ def _moved_covariance(covariance, f, noise):
         out[a, a] += noise.attitude + noise.tracker
         out[t, t] += noise.tracker
         out[a, t] = out[t, a] = out[a, t] + noise.tracker
-        out[_VARYING + i, _VARYING + i] += noise.varying
+        out[_VARYING + i, _VARYING + i] += noise.varying[i]
     return out
 
 

@@ -33,9 +33,13 @@ class ExpectedErrors:
     centre_of_mass_m: float = number(0.0, at_least=0.0, at_most=FAR, unit="m")
     # Of the thrust along each axis, over the thrust. An error of the spacecraft's mass counts here.
     thrust: float = number(0.0, at_least=0.0, at_most=1e3)
-    # Of what varies in it because other thrusters push, over the thrust of all. It varies as
+    # Of what varies in it because S turns, over the force. It varies as
     # `acceleration_varying_m_s2` does.
     thrust_varying: float = number(0.0, at_least=0.0, at_most=1e3)
+    # Of each thruster's own force, over it, and of its own direction: of what they are together, a
+    # part varies in the same way, because other thrusters push.
+    thruster: float = number(0.0, at_least=0.0, at_most=1e3)
+    thruster_direction_deg: float = number(0.0, at_least=0.0, at_most=90.0, unit="degrees")
     # Of the share of the spacecraft's mass that each m/s of velocity change uses up: 1 over the
     # exhaust speed.
     propellant_s_per_m: float = number(0.0, at_least=0.0, at_most=1.0, unit="s/m")

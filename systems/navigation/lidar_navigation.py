@@ -29,7 +29,7 @@ from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.navigation.mended_map import MendedMap, mended_map
-from proxops.systems.navigation.motion import Motion
+from proxops.systems.navigation.motion import Motion, Push
 from proxops.systems.navigation.navigator import Memory, Navigator, Step
 from proxops.systems.navigation.step_records import NavigationPhase, ReturnUse
 from proxops.systems.rotation import Spin
@@ -82,6 +82,7 @@ class LidarNavigation(LeafSystem):
     ranges (planes * rays) ───►│ LidarNavigation ├─► state (6), m and m/s, K; NaN: it has none
     commanded_force (3), N, S ►│                 ├─► attitude (4), R_KS
     commanded_thrust (1), N ──►│                 │
+    force_apart (3), N, S ────►│                 │
     force_lead (3), N s^2, S ─►│                 ├─► covariance (81)
     body_attitude (4), R_KS ──►│                 ├─► record (5)
     outside_force (1), N ─────►│                 │
@@ -101,8 +102,9 @@ class LidarNavigation(LeafSystem):
 
     `commanded_force` is the command along the spacecraft's own axes S that was held over the last
     period; `commanded_thrust` is the sum of the forces of all thrusters, which use up propellant.
-    It may remain open: then there are thrusters along the axes of S; and so may `force_lead`, how
-    early in the period the force acted: see `GivenForce`. `attitude` is the rotation of
+    It may remain open: then there are thrusters along the axes of S. `force_apart` and
+    `force_lead` say how the thrusters share the force, and how early in the period it acted: see
+    `GivenForce`. `attitude` is the rotation of
     S against K as a unit quaternion (w, x, y, z). `covariance` is that of position (m), velocity
     (m/s) and of a rotation vector of S in K (rad), row by row. `record` has: root mean square of
     the residuals (m), returns used, returns rejected, normalised innovation squared over the
@@ -156,10 +158,12 @@ class LidarNavigation(LeafSystem):
             period=self.period,
             frame_delay=self.frame_delay,
         )
+        self._least_force = self.expected.least_impulse_n_s / self.period
         self._size = BASE + map_error.coefficients
         self._ranges_port = self.DeclareVectorInputPort("ranges", geometry.size)
         self._force_port = self.DeclareVectorInputPort("commanded_force", 3)
         self._thrust_port = self.DeclareVectorInputPort("commanded_thrust", 1)
+        self._apart_port = self.DeclareVectorInputPort("force_apart", 3)
         self._lead_port = self.DeclareVectorInputPort("force_lead", 3)
         self._body_port = self.DeclareVectorInputPort("body_attitude", 4)
         self._outside_port = self.DeclareVectorInputPort("outside_force", 1)
@@ -213,20 +217,23 @@ class LidarNavigation(LeafSystem):
     def _calc_step(self, context, value):
         memory = self._unpacked(context.get_discrete_state(self._memory).value())
         ranges = self._ranges_port.Eval(context)
-        force = self._force_port.Eval(context)
         navigator = self._navigator
         if self._body_port.HasValue(context):
             navigator = navigator.with_axes(self._body_axes(context))
-        thrust = lead = None
-        if self._thrust_port.HasValue(context):
-            thrust = float(self._thrust_port.Eval(context)[0])
-        if self._lead_port.HasValue(context):
-            lead = self._lead_port.Eval(context)
         outside = 0.0
         if self._outside_port.HasValue(context):
             outside = float(self._outside_port.Eval(context)[0])
         time = context.get_time()
-        value.set_value(navigator.step(memory, ranges, force, time, thrust, outside, lead))
+        value.set_value(navigator.step(memory, ranges, self._push(context), time, outside))
+
+    def _push(self, context) -> Push:
+        force = self._force_port.Eval(context)
+        if not self._thrust_port.HasValue(context):
+            return Push.along_axes(force, self._least_force)
+        thrust = float(self._thrust_port.Eval(context)[0])
+        ports = {"apart": self._apart_port, "lead": self._lead_port}
+        told = {name: port.Eval(context) for name, port in ports.items() if port.HasValue(context)}
+        return Push(force, thrust, **told)
 
     def _body_axes(self, context) -> Matrix3:
         return rotation_matrix(self._body_port.Eval(context))
@@ -289,9 +296,9 @@ class LidarNavigation(LeafSystem):
         return Memory(estimate, held, int(contradictions), NavigationPhase(int(phase)), attitude)
 
     def _parts(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Views of a vector: forces (D + 1, 7), mean (n,) and covariance (n, n)."""
-        n, mean = self._size, _HEAD + 7 * (self.frame_delay + 1)
-        forces = vector[_HEAD:mean].reshape(-1, 7)
+        """Views of a vector: forces (D + 1, 10), mean (n,) and covariance (n, n)."""
+        n, mean = self._size, _HEAD + 10 * (self.frame_delay + 1)
+        forces = vector[_HEAD:mean].reshape(-1, 10)
         return forces, vector[mean : mean + n], vector[mean + n :].reshape(n, n)
 
 

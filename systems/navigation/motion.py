@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,34 @@ _MOST_STEPS = 200
 # Gravity over a step is the mean of two points, in times of half a step from the middle (Gauss):
 # near an edge of the body it is not linear.
 _POINTS = np.array([[-1.0], [1.0]]) / math.sqrt(3.0)
+
+
+class Push(NamedTuple):
+    """What the thrusters gave over a period, as far as is known; vectors (3,) along S's axes."""
+
+    force: Vector3
+    """Its mean in N."""
+    thrust: float
+    """Sum of the forces of all thrusters in N, which use up propellant."""
+    apart: Vector3 = np.zeros(3)
+    """Root of the sum of squares of the forces of all thrusters in N: see `GivenForce`."""
+    lead: Vector3 = np.zeros(3)
+    """How early the force acted, in N s^2: see `GivenForce`."""
+
+    @classmethod
+    def along_axes(cls, force: Vector3, least: float = 0.0) -> Push:
+        """Of thrusters along S's axes, which give no force of less than `least` N."""
+        given = np.where(np.abs(force) < least, 0.0, force)
+        return cls(given, sum(map(abs, given.tolist())))
+
+    def packed(self) -> np.ndarray:
+        """As a row (10,)."""
+        return np.concatenate([self.force, [self.thrust], self.apart, self.lead])
+
+    @classmethod
+    def unpacked(cls, row: np.ndarray) -> Push:
+        """From a row (10,)."""
+        return cls(row[:3], float(row[3]), row[4:7], row[7:])
 
 
 class Motion:
@@ -46,25 +75,15 @@ class Motion:
         self._radius, self._half_length = 0.5 * float(extents.min()), 0.5 * float(extents.max())
         self._expected = expected
 
-    def predicted(
-        self,
-        estimate: Estimate,
-        force: Vector3,
-        time: float,
-        duration: float,
-        thrust: float,
-    ) -> Estimate:
-        """The estimate `duration` s after `time`, under a force (3,) in N along the axes of S.
-
-        `thrust` is the sum of the forces of all thrusters in N, which use up propellant.
-        """
+    def predicted(self, estimate: Estimate, push: Push, time: float, duration: float) -> Estimate:
+        """The estimate `duration` s after `time`, under what the thrusters gave meanwhile."""
         speed = math.hypot(*estimate.mean[VELOCITY].tolist())
         turn = float(np.linalg.norm(self.spin.rate)) * duration
         steps = math.ceil(max(1.0, turn / _TURN, speed * duration / (_SHARE * self._radius)))
         steps = min(steps, _MOST_STEPS)
         step = duration / steps
-        spent = thrust * step / self.mass
-        pushed = self._expected.thrust_varying * thrust / self.mass
+        spent = push.thrust * step / self.mass
+        pushed = self._varying_push(push)
         for k in range(steps):
             mean = estimate.mean
             half = 0.5 * step * mean[VELOCITY]
@@ -73,20 +92,34 @@ class Motion:
             moved: tuple[np.ndarray, np.ndarray, np.ndarray] = predict(
                 estimate,
                 local,
-                force,
+                push.force,
                 step,
-                self._noise(step, self._uneven(middle, local.acceleration) + pushed**2),
+                self._noise(step, self._uneven(middle, local.acceleration) + pushed),
                 self._turning(time + (k + 0.5) * step, step),
                 self.mass,
             )
             estimate = Estimate(*moved, estimate.spent + spent)
-        return estimate
+        return self._with_lead(estimate, push.lead, time + duration) if push.lead.any() else estimate
 
-    def with_lead(self, estimate: Estimate, lead: Vector3, time: float) -> Estimate:
+    def _varying_push(self, push: Push) -> np.ndarray:
+        """Variance (3,) in (m/s^2)^2 along each axis of what varies as other thrusters push.
+
+        Errors of the thrusters' own, which are independent, add as squares: of their sizes along
+        each force, of their directions across it.
+        """
+        expected = self._expected
+        along = push.apart**2
+        across = along.sum() - along
+        own = expected.thruster**2 * along
+        own = own + math.radians(expected.thruster_direction_deg) ** 2 * across
+        common = expected.thrust_varying**2 * float(push.force @ push.force)
+        return (own + common) / self.mass**2
+
+    def _with_lead(self, estimate: Estimate, lead: Vector3, time: float) -> Estimate:
         """The estimate at a time in s, after a period in which the force acted early.
 
         What it moved the spacecraft by more has turned the velocity, too, as Coriolis' acceleration
-        does. `lead` is (3,) in N s^2 along the axes of S: see `GivenForce`.
+        does.
         """
         mean, farther = estimate.mean.copy(), estimate.rotation @ lead / self.mass
         mean[POSITION] += farther
@@ -120,10 +153,11 @@ class Motion:
         ratio = shift * self._half_length / float(position @ position)
         return float(gravity @ gravity) * ratio**2 / 3.0
 
-    def _noise(self, step: float, unmodelled: float) -> ProcessNoise:
+    def _noise(self, step: float, unmodelled: np.ndarray) -> ProcessNoise:
         """The process noise of a step of a length in s.
 
-        `unmodelled` is the variance in (m/s^2)^2 of what is added to the acceleration that varies.
+        `unmodelled` (3,) is the variance in (m/s^2)^2 of what is added to the acceleration that
+        varies.
         """
         expected = self._expected
         decay = math.exp(-step / expected.acceleration_correlation_s)

@@ -34,7 +34,7 @@ from proxops.systems.navigation.estimate import (
 )
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.frame_model import FrameModel
-from proxops.systems.navigation.motion import Motion
+from proxops.systems.navigation.motion import Motion, Push
 from proxops.systems.navigation.relief import forgotten
 from proxops.systems.navigation.step_records import NavigationPhase
 
@@ -90,8 +90,8 @@ class Memory(NamedTuple):
     estimate: Estimate | None
     """At the last frame's time; None: there is none."""
     forces: np.ndarray
-    """(D + 1, 7) of the last periods, the oldest first: commanded force and thrust in N, and lead
-    in N s^2."""
+    """(D + 1, 10) of the last periods, the oldest first: what the thrusters gave, a packed `Push`
+    each."""
     contradictions: int
     """Number of frames in a row that contradicted the prediction, or that no place explained."""
     phase: NavigationPhase
@@ -148,11 +148,10 @@ class Navigator:
         suspected = dc.replace(_SUSPECTED, acceleration_m_s2=acceleration)
         self._suspected = sigmas(suspected, spin) ** 2
         self._period, self._delay = period, frame_delay
-        self._least_force = expected.least_impulse_n_s / period
 
     def start(self) -> Memory:
         """The memory before the first frame."""
-        forces = np.zeros((self._delay + 1, 7))
+        forces = np.zeros((self._delay + 1, 10))
         return Memory(None, forces, 0, NavigationPhase.ACQUIRING, np.eye(3))
 
     def with_axes(self, axes: Matrix3) -> Navigator:
@@ -165,30 +164,20 @@ class Navigator:
         self,
         memory: Memory,
         ranges: np.ndarray,
-        force: Vector3,
+        push: Push,
         time: float,
-        thrust: float | None = None,
         outside: float = 0.0,
-        lead: Vector3 | None = None,
     ) -> Step:
         """Uses the frame that arrives at a time.
 
         Args:
           memory: after the step before.
           ranges: (planes * rays,) in m, +inf for no return.
-          force: (3,) in N along the axes of S, commanded over the period that ends now.
+          push: what the thrusters gave over the period that ends now.
           time: now, in s.
-          thrust: sum of the forces of all thrusters in N over that period, which use up
-            propellant; None: there are thrusters along the axes of S.
           outside: N, a force from outside in that period: how long it acted, and whereto, is not
             known.
-          lead: (3,) in N s^2 along the axes of S, of the force in that period: see `GivenForce`;
-            None: it was constant.
         """
-        force = np.where(np.abs(force) < self._least_force, 0.0, force)
-        if thrust is None:
-            thrust = sum(map(abs, force.tolist()))
-        push = np.concatenate([force, [thrust], np.zeros(3) if lead is None else lead])
         if memory.phase == NavigationPhase.FOLLOWING and not self.model.map_error.coefficients:
             # Matrices too small for threads.
             return self._stepped(memory, ranges, push, time, outside)
@@ -196,11 +185,11 @@ class Navigator:
             return self._stepped(memory, ranges, push, time, outside)
 
     def _stepped(
-        self, memory: Memory, ranges: np.ndarray, push: np.ndarray, time: float, outside: float
+        self, memory: Memory, ranges: np.ndarray, push: Push, time: float, outside: float
     ) -> Step:
         """See `step`."""
         forces = np.empty_like(memory.forces)
-        forces[:-1], forces[-1] = memory.forces[1:], push
+        forces[:-1], forces[-1] = memory.forces[1:], push.packed()
         taken = time - self._delay * self._period
         prior = None
         if memory.estimate is not None:
@@ -219,12 +208,9 @@ class Navigator:
                 now = self._predicted(now, forces[k + 1], begun)
         return Step(now, memory, correction)
 
-    def _predicted(self, estimate: Estimate, push: np.ndarray, begun: float) -> Estimate:
-        """The estimate after a period under a row (7,) of `Memory.forces`."""
-        force, thrust, lead = push[:3], float(push[3]), push[4:]
-        moved = self.motion.predicted(estimate, force, begun, self._period, thrust)
-        if lead.any():
-            moved = self.motion.with_lead(moved, lead, begun + self._period)
+    def _predicted(self, estimate: Estimate, row: np.ndarray, begun: float) -> Estimate:
+        """The estimate after a period under a row (10,) of `Memory.forces`."""
+        moved = self.motion.predicted(estimate, Push.unpacked(row), begun, self._period)
         error = self.model.map_error
         if not error.relief:
             return moved

@@ -100,9 +100,9 @@ def integrated(given: Estimate, duration: float) -> tuple[np.ndarray, np.ndarray
     return flown.y[:6, -1], flown.y[6:, -1].reshape(3, 3)
 
 
-def stepped(given: Estimate, steps: int, predicts: Motion) -> Estimate:
+def stepped(given: Estimate, steps: int, predicts: Motion, push: Push = PUSH) -> Estimate:
     for k in range(steps):
-        given = predicts.predicted(given, FORCE, START + 10.0 * k, 10.0, PUSH)
+        given = predicts.predicted(given, push, START + 10.0 * k, 10.0)
     return given
 
 
@@ -127,7 +127,7 @@ def test_constants_stay_and_what_varies_decays() -> None:
 
 def test_a_long_step_is_divided() -> None:
     """300 s at once: the body turns by 6 degrees."""
-    found = motion().predicted(estimate(), FORCE, START, 300.0, PUSH)
+    found = motion().predicted(estimate(), PUSH, START, 300.0)
     state, rotation = integrated(estimate(), 300.0)
     assert np.linalg.norm(found.state[:3] - state[:3]) < 5.0
     assert np.linalg.norm(found.rotation - rotation) < 1e-7
@@ -143,7 +143,7 @@ def test_over_an_edge() -> None:
     mean[:6] = [1030.0, 0.0, 1040.0, -1.0, 0.3, 0.2]
     given = Estimate(mean, np.eye(3), np.zeros((BASE, BASE)), spent=0.0)
     predicts = Motion(field, shape.extents, 0.0, MASS, ExpectedErrors())
-    found = predicts.predicted(given, np.zeros(3), 0.0, 20.0, 0.0).state[3:]
+    found = predicts.predicted(given, NOTHING, 0.0, 20.0).state[3:]
 
     def rates(_: float, y: np.ndarray) -> np.ndarray:
         return np.concatenate([y[3:], field.evaluate(y[None, :3]).acceleration[0]])
@@ -261,10 +261,11 @@ def test_when_in_a_period_the_force_acted() -> None:
     halves = FORCE + np.array([[4.0, 2.0, -1.0], [-4.0, -2.0, 1.0]])
     predicts, right = motion(), estimate()
     for k, force in enumerate(halves):
-        right = predicts.predicted(right, force, START + 10.0 * k, 10.0, PUSH)
+        push = PUSH._replace(force=force)
+        right = predicts.predicted(right, push, START + 10.0 * k, 10.0)
     lead = 10.0**2 * 0.5 * (halves[0] - halves[1])
-    mean = predicts.predicted(estimate(), FORCE, START, 20.0, PUSH)
-    found = predicts.with_lead(mean, lead, START + 20.0)
+    mean = predicts.predicted(estimate(), PUSH, START, 20.0)
+    found = predicts.predicted(estimate(), PUSH._replace(lead=lead), START, 20.0)
     for part, share in ((POSITION, 0.1), (VELOCITY, 0.2)):
         before = np.linalg.norm(mean.mean[part] - right.mean[part])
         assert np.linalg.norm(found.mean[part] - right.mean[part]) < share * before
@@ -279,7 +280,7 @@ def test_a_white_push_moves_as_known() -> None:
     predicts = Motion(kleopatra().gravity_field, kleopatra().shape.extents, 0.0, MASS, errors)
     time = 0.0
     for _ in range(1000):
-        far = predicts.predicted(far, np.zeros(3), time, 0.5, 0.0)
+        far = predicts.predicted(far, NOTHING, time, 0.5)
         time += 0.5
     grown = np.sqrt(2.0 * 2.0 * 500.0) * 1e-3
     assert np.sqrt(far.covariance[4, 4]) == pytest.approx(grown, rel=0.02)
@@ -303,7 +304,7 @@ def test_attitude_drifts_as_the_vehicle_s(phase: float) -> None:
     mean[POSITION], mean[SPIN] = [400e3, 0.0, 0.0], wrong
     found = Estimate(mean, truth(0.0).as_matrix(), np.zeros((BASE, BASE)))
     for k in range(360):
-        found = motion().predicted(found, np.zeros(3), 10.0 * k, 10.0, 0.0)
+        found = motion().predicted(found, NOTHING, 10.0 * k, 10.0)
     drifted = (truth(3600.0) * truth(0.0).inv()).magnitude()
     off = (Rotation.from_matrix(found.rotation) * truth(3600.0).inv()).magnitude()
     assert drifted > 1e-3
@@ -338,7 +339,7 @@ def test_uneven_density_is_in_the_covariance() -> None:
             known.covariance[:] = 0.0
             # Over a time much longer than the correlation all of it is there.
             moved = motion(centre_of_mass_m=shift)
-            noise = moved.predicted(known, np.zeros(3), START, 1.0, 0.0).covariance
+            noise = moved.predicted(known, NOTHING, START, 1.0).covariance
             predicted.append(noise[12, 12] / (1.0 - np.exp(-2.0 / TAU)))
         ratio = np.sqrt(np.mean(left**2) / np.mean(predicted))
         assert 0.4 < ratio < 1.3, (scale, ratio)
