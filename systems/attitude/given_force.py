@@ -19,9 +19,10 @@ class GivenForce(LeafSystem):
     The inputs are the force of all thrusters together, the sum of their sizes, and the root of the
     sum of their squares along each axis, in the attitude period that begins at each attitude step;
     the means are those of the periods before a control step. If each thruster's force is off by a
-    share of its own, all together are off by such a share of `mean_apart`, or less. `force_lead` is the integral of the force times how long before the middle of the control
-    period it acts: over the mass, how much farther it moves the spacecraft than its mean would. The
-    sums are discrete state, so the outputs do not depend on the inputs directly.
+    share of its own, all together are off by such a share of `mean_apart`, or less. `force_lead` is
+    the integral of the force times how long before the middle of the control period it acts: over
+    the mass, how much farther it moves the spacecraft than its mean would. The sums are discrete
+    state, so the outputs do not depend on the inputs directly.
     """
 
     def __init__(self, period: float, steps: int):

@@ -153,10 +153,11 @@ class ThrusterAllocation(LeafSystem):
     thruster that is on gives, as estimated, and `failed` is 1 of those that give nothing; both may
     remain open: then the data sheet holds. `given_…` is what the on-times give in the mean over the
     period, as far as is known, so that wheels give the rest of the torque and navigation knows the
-    force: together, as the sum of all sizes, and as the root of the sum of squares along each axis. `lost` is the middle of the directions in which the thrusters that are left cannot push,
-    a unit vector, or 0; what is asked for along them is left out, so that the rest of the force is
-    given. What is owed because a pulse was too short, and the basis of the last solution, are
-    discrete state.
+    force: together, as the sum of all sizes, and as the root of the sum of squares along each axis.
+    `lost` is the middle of the directions in which the thrusters that are left cannot push, a unit
+    vector, or 0; what is asked for along them is left out, so that the rest of the force is given.
+    What is owed because a pulse was too short, and the basis of the last solution, are discrete
+    state.
     """
 
     def __init__(self, layout: ThrusterLayout, period: float):

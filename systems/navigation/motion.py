@@ -99,7 +99,9 @@ class Motion:
                 self.mass,
             )
             estimate = Estimate(*moved, estimate.spent + spent)
-        return self._with_lead(estimate, push.lead, time + duration) if push.lead.any() else estimate
+        return (
+            self._with_lead(estimate, push.lead, time + duration) if push.lead.any() else estimate
+        )
 
     def _varying_push(self, push: Push) -> np.ndarray:
         """Variance (3,) in (m/s^2)^2 along each axis of what varies as other thrusters push.

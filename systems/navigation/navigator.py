@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from proxops.systems.common import Matrix3, Vector3, one_thread
+from proxops.systems.common import Matrix3, one_thread
 from proxops.systems.navigation.acquisition import FEWEST, Acquired, acquire, outlier_share
 from proxops.systems.navigation.correction import Correction, corrected
 from proxops.systems.navigation.estimate import (

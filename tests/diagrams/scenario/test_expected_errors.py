@@ -108,6 +108,8 @@ def test_numbers_of_before_survey() -> None:
         "gravity": 0.11 / 3.0,
         "thrust": 0.05 / 3.0,
         "thrust_varying": 0.0,
+        "thruster": 0.0,
+        "thruster_direction_deg": 0.0,
         "propellant_s_per_m": 1.0 / (9.80665 * 220.0),
         "thrust_direction_deg": 1.0 / 3.0,
         "least_impulse_n_s": 0.05,

@@ -69,6 +69,8 @@ def test_rows_name_what_is_there() -> None:
     bounds = {field.name for field in dc.fields(AssuranceBounds)}
     # The noise of a measured attitude is that of the data sheet of a rigid spacecraft.
     tunes -= {"attitude_noise_deg", "attitude_noise_correlation_s"}
+    # It follows from those of thrust and direction where a rigid spacecraft turns.
+    tunes -= {"thrust_varying"}
     assert {each.tunes for each in QUANTITIES} - {None} == tunes
     # The navigation and the MPC themselves tell of position, velocity and delay.
     own = {"position_m", "velocity_m_s", "delay_s"}

@@ -229,9 +229,12 @@ def test_the_given_force_is_the_mean_of_a_control_period_and_how_early_it_was():
             np.testing.assert_allclose(found, forces[k - 5 : k].mean(axis=0))
             found = given_force.GetOutputPort("mean_thrust").Eval(context)
             np.testing.assert_allclose(found, k - 3.0)
+            found = given_force.GetOutputPort("mean_apart").Eval(context)
+            np.testing.assert_allclose(found, abs(forces[k - 5 : k]).mean(axis=0))
             # Of periods of 2 s, the middles of all five are so long before that of the whole.
             lead = 2.0 * np.array([4.0, 2.0, 0.0, -2.0, -4.0]) @ forces[k - 5 : k]
             np.testing.assert_allclose(given_force.GetOutputPort("force_lead").Eval(context), lead)
         given_force.GetInputPort("force").FixValue(context, force)
         given_force.GetInputPort("thrust").FixValue(context, [float(k)])
+        given_force.GetInputPort("apart").FixValue(context, abs(force))
         context.SetDiscreteState(given_force.EvalUniquePeriodicDiscreteUpdate(context))

@@ -143,6 +143,8 @@ def test_the_diagrams_allocation_turns_the_force_into_s_and_says_what_it_gives()
     np.testing.assert_allclose(output("given_torque"), torque, atol=1e-9)
     in_s = TWELVE.wrenches() @ output("on_times")
     np.testing.assert_allclose(turn.apply(in_s[:3]), force, atol=1e-9)
+    each = output("on_times")[:, None] * TWELVE.forces[:, None] * turn.apply(TWELVE.directions)
+    np.testing.assert_allclose(output("given_apart"), np.linalg.norm(each, axis=0), atol=1e-9)
     # What is estimated of the thrusters, and one that has failed.
     torques = TWELVE.wrenches()[3:] + 0.02 * np.sin(np.arange(36.0)).reshape(3, 12)
     system.GetInputPort("thruster_torques").FixValue(context, torques.ravel())

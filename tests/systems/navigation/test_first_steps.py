@@ -10,10 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from proxops.systems import ExpectedErrors, GravityField
 from proxops.systems.navigation import Estimate
-from proxops.systems.navigation.motion import Motion
+from proxops.systems.navigation.motion import Motion, Push
 from proxops.systems.navigation.navigator import Navigator
 
 STEPS, SEED, MASS = 6, 3000, 100.0
+NOTHING = Push.along_axes(np.zeros(3))
 FALSE = {"false_returns": 0.2, "dropout": 0.1}
 
 
@@ -56,7 +57,7 @@ def first_steps(name: str, indices: list[int], **errors: float) -> tuple[float, 
         state, memory = np.concatenate([place, velocity]), world.navigator.start()
         for k in range(STEPS):
             frame = measured(name, (state[:3], turn), SEED + 10 * index + k, **errors)
-            step = world.navigator.step(memory, frame, np.zeros(3), world.period * k)
+            step = world.navigator.step(memory, frame, NOTHING, world.period * k)
             memory = step.memory
             following.append(step.now is not None)
             if step.now is not None:

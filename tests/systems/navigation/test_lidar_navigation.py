@@ -17,20 +17,21 @@ from proxops.systems import ExpectedErrors, LidarNavigation, NavigationPhase
 from proxops.systems.lidar import DEFAULT_GEOMETRY
 from proxops.systems.navigation import Estimate, MapError, ReturnUse
 from proxops.systems.navigation.frame_model import FrameModel
-from proxops.systems.navigation.motion import Motion
+from proxops.systems.navigation.motion import Motion, Push
 from proxops.systems.navigation.navigator import Navigator, Step
 from proxops.systems.shapes import displaced
 from proxops.systems.vehicle import ThrusterErrors, thrust_given
 
 ACQUIRING, FOLLOWING, LOST = NavigationPhase
+NOTHING = Push.along_axes(np.zeros(3))
 
 
 # --- step by step ---------------------------------------------------------------------------------
 
 
 @functools.cache
-def navigator(delay: int = 0, least_impulse: float = 0.0) -> Navigator:
-    body, expected = kleopatra(), ExpectedErrors(least_impulse_n_s=least_impulse)
+def navigator(delay: int = 0) -> Navigator:
+    body, expected = kleopatra(), ExpectedErrors()
     model = FrameModel(body.shape, DEFAULT_GEOMETRY, NOISE, MapError(body.shape))
     motion = Motion(body.gravity_field, body.shape.extents, body.spin_rate, MASS, expected)
     return Navigator(model, motion, expected, 30.0, PERIOD, delay)
@@ -41,7 +42,7 @@ def follow(flown: Flight, frames: np.ndarray, delay: int = 0) -> list[Step]:
     made, steps = navigator(delay), []
     memory = made.start()
     for k, (force, ranges) in enumerate(zip(flown.forces, frames, strict=True)):
-        steps.append(made.step(memory, ranges, force, PERIOD * k))
+        steps.append(made.step(memory, ranges, Push.along_axes(force), PERIOD * k))
         memory = steps[-1].memory
     return steps
 
@@ -103,15 +104,19 @@ def test_what_is_too_little_for_the_thrusters_is_not_expected() -> None:
     """It moves as under what the thrusters of the true world would give."""
     flown, command = flight(), np.array([0.19, 0.21, -0.1])
     given = np.array(thrust_given(command.tolist(), ThrusterErrors(least_impulse=2.0), PERIOD, 0.0))
-    begun = navigator().step(navigator().start(), flown.frames[0], np.zeros(3), 0.0).memory
-    found = navigator(0, 2.0).step(begun, flown.frames[1], command, PERIOD).now
-    right = navigator().step(begun, flown.frames[1], given, PERIOD).now
-    wrong = navigator().step(begun, flown.frames[1], command, PERIOD).now
-    assert found is not None
-    assert right is not None
-    assert wrong is not None
-    np.testing.assert_array_equal(found.mean, right.mean)
-    assert (found.mean != wrong.mean).any()
+    begun = navigator().step(navigator().start(), flown.frames[0], NOTHING, 0.0).memory
+
+    def state_after(force: np.ndarray, least_impulse: float) -> np.ndarray:
+        system = navigation(ExpectedErrors(least_impulse_n_s=least_impulse))
+        context = context_of(system, PERIOD, ranges=flown.frames[1], commanded_force=force)
+        context.SetDiscreteState(system._packed(begun))
+        return system.GetOutputPort("state").Eval(context)
+
+    found, right, wrong = (
+        state_after(*each) for each in ((command, 2.0), (given, 0.0), (command, 0.0))
+    )
+    np.testing.assert_array_equal(found, right)
+    assert (found != wrong).any()
 
 
 def test_five_minutes_without_frames() -> None:
@@ -210,7 +215,7 @@ def test_a_map_that_is_wrong_as_told() -> None:
     memory, sigma = made.start(), np.inf
     for k, state in enumerate(flown.states[:40]):
         ranges = frame(state[:3], 500 + k, body=true)
-        step = made.step(memory, ranges, flown.forces[k], PERIOD * k)
+        step = made.step(memory, ranges, Push.along_axes(flown.forces[k]), PERIOD * k)
         memory = step.memory
         assert memory.phase == FOLLOWING
         assert inside(step.now, state)
@@ -231,9 +236,7 @@ def seen(system: LidarNavigation, context) -> dict[str, np.ndarray]:
 def test_false_returns_are_rejected_and_others_used() -> None:
     """A return that is twice as far as the surface is false."""
     system, flown = navigation(), flight()
-    memory = system._navigator.step(
-        system._navigator.start(), flown.frames[0], np.zeros(3), 0.0
-    ).memory
+    memory = system._navigator.step(system._navigator.start(), flown.frames[0], NOTHING, 0.0).memory
     ranges = flown.frames[1].copy()
     returned = np.flatnonzero(np.isfinite(ranges))
     false = returned[::7]
@@ -274,7 +277,8 @@ def test_the_system_is_the_navigator(delay: int) -> None:
     found = through_ports(system, late, 12)
     memory = system._navigator.start()
     for k in range(12):
-        step = system._navigator.step(memory, frames[k], flown.forces[k], PERIOD * k)
+        push = Push.along_axes(flown.forces[k])
+        step = system._navigator.step(memory, frames[k], push, PERIOD * k)
         memory = step.memory
         if k and step.now is not None:
             np.testing.assert_array_equal(found[k - 1]["state"], step.now.state)

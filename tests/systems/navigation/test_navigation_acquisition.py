@@ -12,11 +12,13 @@ from scripts import load_script
 from proxops.diagrams.flight import make_navigation
 from proxops.diagrams.scenario import Body, filter_tuning, load_body
 from proxops.systems import NavigationPhase
+from proxops.systems.navigation.motion import Push
 from proxops.systems.navigation.navigator import Navigator, Step
 from proxops.systems.shapes import ray_caster
 
 ATTITUDE = Rotation.from_rotvec(np.radians([-0.4, 0.7, 0.59]))  # 1 degree.
 ACQUIRING, FOLLOWING, LOST = NavigationPhase
+NOTHING = Push.along_axes(np.zeros(3))
 
 
 @functools.cache
@@ -53,7 +55,7 @@ class At:
     def steps(self, frames: list[np.ndarray]) -> list[Step]:
         memory, steps = self.navigator.start(), []
         for k, ranges in enumerate(frames):
-            steps.append(self.navigator.step(memory, ranges, np.zeros(3), k * self.period))
+            steps.append(self.navigator.step(memory, ranges, NOTHING, k * self.period))
             memory = steps[-1].memory
         return steps
 

@@ -33,13 +33,14 @@ from proxops.systems.navigation.estimate import (
     first_estimate,
     first_sigmas,
 )
-from proxops.systems.navigation.motion import Motion
+from proxops.systems.navigation.motion import Motion, Push
 from proxops.systems.shapes import Polyhedron
 from proxops.systems.vehicle import SpinKnowledge, believed_axes
 
 MASS, RATE, TAU = 1000.0, 3.24e-4, 600.0
 FORCE = np.array([5.0, -3.0, 6.0])
-PUSH = 23.0  # More than that, of thrusters that are not along the axes.
+PUSH = Push(FORCE, 23.0)  # More than that, of thrusters that are not along the axes.
+NOTHING = Push(np.zeros(3), 0.0)
 START = 1500.0
 TURN = Rotation.from_rotvec([0.01, -0.02, 0.015])
 MODES = 2
@@ -47,7 +48,7 @@ MODES = 2
 
 def motion(**expected: float) -> Motion:
     body = kleopatra()
-    errors = ExpectedErrors(acceleration_correlation_s=TAU, **expected)
+    errors = ExpectedErrors(**{"acceleration_correlation_s": TAU} | expected)
     return Motion(body.gravity_field, body.shape.extents, RATE, MASS, errors)
 
 
@@ -80,7 +81,7 @@ def integrated(given: Estimate, duration: float) -> tuple[np.ndarray, np.ndarray
     def rates(time: float, y: np.ndarray) -> np.ndarray:
         r, v, attitude = y[:3], y[3:6], y[6:].reshape(3, 3)
         arm = r - mean[CENTRE_OF_MASS]
-        spent = given.spent + PUSH / MASS * time
+        spent = given.spent + PUSH.thrust / MASS * time
         mass = MASS * (1.0 - mean[PROPELLANT] * spent)
         acceleration = (
             (1.0 + mean[GRAVITY]) * field.evaluate(arm[None]).acceleration[0]
@@ -112,7 +113,7 @@ def test_the_mean_against_scipy() -> None:
     assert np.linalg.norm(found.state[:3] - state[:3]) < 0.01
     assert np.linalg.norm(found.state[3:] - state[3:]) < 2e-4
     assert np.linalg.norm(found.rotation - rotation) < 1e-9
-    assert found.spent == pytest.approx(20.0 + PUSH * 100.0 / MASS)
+    assert found.spent == pytest.approx(20.0 + PUSH.thrust * 100.0 / MASS)
 
 
 def test_constants_stay_and_what_varies_decays() -> None:
@@ -311,13 +312,31 @@ def test_attitude_drifts_as_the_vehicle_s(phase: float) -> None:
     assert off < 1e-3 * drifted
 
 
-def test_each_thrusters_own_errors_are_noise_while_they_push() -> None:
+def test_what_varies_in_the_thrust_is_noise_while_it_pushes() -> None:
     found = stepped(estimate(), 5, motion(thrust_varying=0.01)).covariance
-    as_much = stepped(
-        estimate(), 5, motion(acceleration_varying_m_s2=0.01 * PUSH / MASS)
-    ).covariance
+    size = 0.01 * float(np.linalg.norm(FORCE)) / MASS
+    as_much = stepped(estimate(), 5, motion(acceleration_varying_m_s2=size)).covariance
     np.testing.assert_allclose(found, as_much, rtol=1e-12)
     assert found[3, 3] > 0.0
+
+
+def test_each_thrusters_own_errors_are_noise_as_they_share_the_force() -> None:
+    """Against forces of thrusters with errors that are drawn."""
+    rng = np.random.default_rng(3)
+    thrusters = rng.normal(size=(5, 3))  # Forces in N.
+    sizes = np.linalg.norm(thrusters, axis=1)
+    total, apart = thrusters.sum(axis=0), np.sqrt((thrusters**2).sum(axis=0))
+    push = Push(total, float(sizes.sum()), apart)
+    errors = {"thruster": 0.02, "thruster_direction_deg": 0.5}
+    predicts = motion(acceleration_correlation_s=1e-2, **errors)  # All of it is there at once.
+    known = estimate()._replace(covariance=np.zeros_like(estimate().covariance))
+    found = predicts.predicted(known, push, START, 1.0).covariance
+    draws = 40_000
+    scale = 1.0 + 0.02 * rng.normal(size=(draws, 5, 1))
+    turned = np.radians(0.5) * rng.normal(size=(draws, 5, 3))
+    given = (scale * thrusters + np.cross(turned, thrusters)).sum(axis=1)
+    of_force = np.diag(found)[VARYING_ACCELERATION] * MASS**2
+    np.testing.assert_allclose(of_force, given.var(axis=0), rtol=0.05)
 
 
 def test_uneven_density_is_in_the_covariance() -> None:
