@@ -19,8 +19,14 @@ own optimum.
 
     python benchmarks/minimum_fuel.py [--transits 50] [--seed 10001] [--intervals 120]
         [--weights KEY=VALUE ...] [--workers N] [--out out/minimum-fuel] [--plot gap.png]
+
+With `--touch` it is the descents and returns of a touch-and-go at Bennu, on navigation in drawn
+worlds, against linear programs with the spacecraft's own thrusters (`_touch_fuel`):
+
+    python benchmarks/minimum_fuel.py --touch [--transits 50] [--seed 10001]
 """
 
+import argparse
 import os
 import time
 from collections.abc import Mapping
@@ -35,6 +41,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 
+import _touch_fuel
 import matplotlib.pyplot as plt
 import numpy as np
 from _campaign import campaign_parser, logs_with_bar
@@ -253,6 +260,19 @@ def print_ratios(label: str, ratios: Mapping[int, float], transits: int) -> None
     )
 
 
+def show_touches(asked: argparse.Namespace) -> None:
+    changes = {"log_ranges": False, "dispersions": "touch_and_go"}
+    scenario = load_scenario("bennu_touch_and_go", changes)
+    logs = logs_with_bar([Variant("touch", "mpc")], scenario, asked)["touch"]
+    found = {index: _touch_fuel.table_line(log) for index, log in logs.items()}
+    lines = {str(index): line for index, (line, _) in found.items()}
+    table = Shown(f"touch-and-goes of seed {asked.seed}", _touch_fuel.HEADINGS, lines)
+    table.show()
+    write_markdown([table], asked.markdown)
+    gaps = np.array([gap for _, gap in found.values() if gap is not None] or [np.nan])
+    print(f"Δv over the least: mean {gaps.mean():.3f}, max {gaps.max():.3f}")
+
+
 def main() -> None:
     parser = campaign_parser(__doc__, "out/minimum-fuel", transits=50, seed=10001)
     parser.add_argument("--intervals", type=int, default=120, help="of the program")
@@ -260,8 +280,12 @@ def main() -> None:
         "--weights", nargs="*", default=[], metavar="KEY=VALUE",
         help="of the weighted cost, keys as in the scenario's mpc.weighted",
     )  # fmt: skip
+    parser.add_argument("--touch", action="store_true", help="descents and returns at Bennu")
     parser.add_argument("--plot", type=Path, help="also draw the gaps there")
     asked = parser.parse_args()
+    if asked.touch:
+        show_touches(asked)
+        return
     weights = dict(text.split("=", 1) for text in asked.weights)
     changes = {f"mpc.weighted.{key}": float(value) for key, value in weights.items()}
     scenario = load_scenario(None, {"log_ranges": False, **changes}, on_true_state=True)

@@ -194,7 +194,7 @@ class DescentGuidance:
         """
         leg, time = self.leg(elapsed, state), begun + elapsed
         if leg is TouchPhase.TERMINAL:
-            return self.steady_force(time, state, -self.descent.speed_m_s)
+            return self.terminal_force(time, state)
         return self.plan(state, *self.aim(leg, elapsed), time)[0]
 
     def aim(self, leg: TouchPhase, elapsed: float) -> tuple[State, float]:
@@ -211,14 +211,18 @@ class DescentGuidance:
         target[:3] += beyond * target[3:]
         return target, left + beyond
 
-    def steady_force(self, time: float, state: State, speed: float) -> Vector3:
-        """The force (3,) in N that takes on a speed in m/s along the normal.
+    def terminal_force(self, time: float, state: State) -> Vector3:
+        """The force (3,) in N that takes on the velocity of contact."""
+        return self.steady_force(time, state, -self.descent.speed_m_s * self.site.normal)
+
+    def steady_force(self, time: float, state: State, velocity: Vector3) -> Vector3:
+        """The force (3,) in N that takes on a velocity (3,) in m/s.
 
         What exceeds the thrust limit is reduced along its direction, not axis by axis: away from
         the ground it must not push aside.
         """
         spin = self.spin.angular_velocity(time)
-        push = (speed * self.site.normal - state[3:]) / self.descent.settling_s
+        push = (velocity - state[3:]) / self.descent.settling_s
         push = push - self.apparent_gravity(state[:3], time) + 2.0 * np.cross(spin, state[3:])
         force = self.mass * push
         return force * self.thrust / max(self.thrust, float(np.abs(force).max()))

@@ -31,8 +31,10 @@ from proxops.systems.touch.descent_policy import DescentPolicy
 _SIGMAS = 4.0
 # The share of the thrust limit that an abort is sure of: thrusters of less force, and gravity.
 _SURE = 0.9
-# Least time in s of a plan to home. With less, noise would be flown.
-_SETTLING = 100.0
+# Time in s in which the way home is braked; before a descent nothing is gained by being there soon.
+_BRAKING, _UNHURRIED = 100.0, 400.0
+# The least time in s of a plan to home: with less, noise would be flown.
+_LEAST = 50.0
 
 
 class AbortReason(IntEnum):
@@ -87,7 +89,7 @@ class AwayConfig:
     # The speed along the normal, and the height from which the way home begins.
     speed_m_s: float = number(0.4, above=0.0, at_most=1e3, unit="m/s")
     high_m: float = number(40.0, above=0.0, at_most=1e6, unit="m")
-    # Speed of the way home in the mean.
+    # The least speed of the way home, until it brakes. A faster one is kept: it is paid for.
     home_m_s: float = number(0.25, above=0.0, at_most=1e3, unit="m/s")
 
 
@@ -118,8 +120,6 @@ class Memory(NamedTuple):
     touched: bool = False
     begun: float = 0.0
     """When the descent began, or the touch was noticed, or the terminal phase began, in s."""
-    home: float = 0.0
-    """When it is to be at home, in s."""
     frame: float = 0.0
     """Time of the last frame in s."""
     known: bool = False
@@ -189,7 +189,7 @@ class Mission:
         except SolverFailure:
             if TouchPhase.HOME < memory.phase < TouchPhase.CONTACT:
                 memory = self._aborted(memory, AbortReason.PLAN, seen.time)
-            force = self.guidance.steady_force(seen.time, memory.state, self.away.speed_m_s)
+            force = self._away_force(memory, seen.time)
         target = self.guidance.target(memory.phase)
         state = self._reckoned(memory.state, force, seen.time)
         return Step(memory._replace(state=state), force, target, stopping, by_policy)
@@ -219,7 +219,7 @@ class Mission:
         if memory.phase is TouchPhase.TRANSIT:
             if not self._at_home(memory):
                 return memory
-            memory = self._homeward(memory, time)
+            memory = memory._replace(phase=TouchPhase.HOME, since=time)
         phase = memory.phase
         if phase is TouchPhase.HOME:
             return self._begun(memory, seen) if self._may_begin(memory, seen) else memory
@@ -232,7 +232,7 @@ class Mission:
             outward = float(memory.state[3:] @ self.guidance.site.normal)
             if height < self.away.high_m or outward < 0.0:
                 return memory
-            return self._homeward(memory, time)
+            return memory._replace(phase=TouchPhase.HOME, since=time)
         if seen.head > self.checks.head_n:
             return memory._replace(phase=TouchPhase.CONTACT, touched=True, begun=time, since=time)
         leg = max(phase, self.guidance.leg(time - memory.begun, memory.state))
@@ -263,11 +263,6 @@ class Mission:
 
     def _aborted(self, memory: Memory, reason: AbortReason, time: float) -> Memory:
         return memory._replace(phase=TouchPhase.AWAY, reason=reason, since=time)
-
-    def _homeward(self, memory: Memory, time: float) -> Memory:
-        way = float(np.linalg.norm(self.guidance.home - memory.state[:3]))
-        there = time + max(way / self.away.home_m_s, _SETTLING)
-        return memory._replace(phase=TouchPhase.HOME, home=there, since=time)
 
     def _unsure(self, memory: Memory, seen: Seen) -> AbortReason:
         """What of the knowledge on board is not good enough."""
@@ -319,13 +314,31 @@ class Mission:
         if phase in (TouchPhase.CONTACT, TouchPhase.TRANSIT) or not memory.known:
             return np.zeros(3)
         if phase is TouchPhase.AWAY:
-            return guidance.steady_force(time, state, self.away.speed_m_s)
+            return self._away_force(memory, time)
         if phase is TouchPhase.HOME:
-            left = max(memory.home - time, _SETTLING)
-            return guidance.plan(state, guidance.target(phase), left, time)[0]
+            return self._home_force(memory, time)
         if phase is TouchPhase.TERMINAL:
-            return guidance.steady_force(time, state, -guidance.descent.speed_m_s)
+            return guidance.terminal_force(time, state)
         return guidance.force(time - memory.begun, state, memory.begun)
+
+    def _away_force(self, memory: Memory, time: float) -> Vector3:
+        velocity = self.away.speed_m_s * self.guidance.site.normal
+        return self.guidance.steady_force(time, memory.state, velocity)
+
+    def _home_force(self, memory: Memory, time: float) -> Vector3:
+        """Coasts towards home, and brakes late and evenly: a plan all the way takes more."""
+        guidance, state = self.guidance, memory.state
+        way = guidance.home - state[:3]
+        far = float(np.linalg.norm(way))
+        speed = float(state[3:] @ way) / max(far, 1e-9)
+        steady = max(speed, self.away.home_m_s)
+        braking = _BRAKING if memory.tries else _UNHURRIED
+        if far > 0.5 * braking * steady:
+            return guidance.steady_force(time, state, steady / far * way)
+        # An even brake takes twice as long as the way at this speed, and it is the least effort.
+        left = 2.0 * far / max(speed, 1e-9)
+        left = min(max(left, _LEAST), _UNHURRIED)
+        return guidance.plan(state, guidance.target(TouchPhase.HOME), left, time)[0]
 
     def _piloted(
         self, pilot: DescentPilot, memory: Memory, time: float

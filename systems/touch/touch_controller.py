@@ -118,16 +118,16 @@ class TouchController(LeafSystem):
 
 
 def _packed(memory: Memory) -> np.ndarray:
-    """A memory as a vector (16,), so that Drake's discrete state can hold it."""
+    """A memory as a vector (15,), so that Drake's discrete state can hold it."""
     values = memory._asdict()
     state = values.pop("state")
     return np.array([*map(float, values.values()), *state])
 
 
 def _unpacked(vector: np.ndarray) -> Memory:
-    """The memory in a vector (16,)."""
-    phase, reason, tries, touched, begun, home, frame, known, since, agreed = vector[:10].tolist()
+    """The memory in a vector (15,)."""
+    phase, reason, tries, touched, begun, frame, known, since, agreed = vector[:9].tolist()
     return Memory(
-        TouchPhase(int(phase)), AbortReason(int(reason)), int(tries), bool(touched), begun, home,
-        frame, bool(known), vector[10:].copy(), since, bool(agreed),
+        TouchPhase(int(phase)), AbortReason(int(reason)), int(tries), bool(touched), begun, frame,
+        bool(known), vector[9:].copy(), since, bool(agreed),
     )  # fmt: skip

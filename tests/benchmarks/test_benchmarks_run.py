@@ -36,6 +36,7 @@ RUNS = {
     "closed_loop: other_forms": [*ONE_SHORT, "--only", "boulders and craters"],
     "closed_loop: schedule": [*ONE_FLIGHT, "--duration", "100"],
     "minimum_fuel": [*ONE_FLIGHT, "--intervals", "20"],
+    "minimum_fuel: touch": [*ONE_FLIGHT, "--touch"],
     "navigation": ["--only", "accuracy", "--bodies", "kleopatra", *ONE_FLIGHT],
 }
 

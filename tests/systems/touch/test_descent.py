@@ -94,7 +94,7 @@ def test_what_exceeds_the_thrust_keeps_its_direction() -> None:
     """Away from the ground, slowly aside: braked in one straight push, and no more aside."""
     guidance = over_a_plane(5e-5)
     state = np.array([0.0, 0.0, 2.0, 0.03, 0.0, -0.1])
-    force = guidance.steady_force(0.0, state, 0.4)
+    force = guidance.steady_force(0.0, state, np.array([0.0, 0.0, 0.4]))
     assert force[2] == pytest.approx(6.0)
     wanted = np.array([-0.03, 0.0, 0.5]) / 10.0 + [0.0, 0.0, 5e-5]
     np.testing.assert_allclose(force / 6.0, wanted / wanted[2], rtol=1e-12)

@@ -48,6 +48,8 @@ class Flown:
     def __init__(self, made: Mission, changes=lambda time, phase: {}, latest: float = 2400.0):
         self.phases, self.memory, self.lowest = [TouchPhase.HOME], Memory(), np.inf
         self.steps: list[tuple[TouchPhase, bool]] = []
+        self.back = 0.0
+        """Velocity change in m/s of the way home after the touch."""
         state, time = np.r_[15.0, 0.0, 125.0, np.zeros(3)], 0.0
         head = 0.0
         while time < latest:
@@ -55,6 +57,8 @@ class Flown:
             step = made.step(self.memory, seen(time, state)._replace(**extra))
             self.memory, self.step = step.memory, step
             self.steps.append((self.memory.phase, step.by_policy))
+            if self.memory.touched and self.memory.phase is TouchPhase.HOME:
+                self.back += PERIOD * float(np.linalg.norm(step.force)) / MASS
             if self.memory.phase is not self.phases[-1]:
                 self.phases.append(self.memory.phase)
             state, time, head = moved(state, step.force), time + PERIOD, 0.0
@@ -68,8 +72,12 @@ def test_down_and_home_again() -> None:
     flown = Flown(mission())
     assert flown.phases == [0, 1, 2, 3, 4, 5, 6, 0]
     assert flown.memory.touched
-    np.testing.assert_allclose(flown.state, np.r_[0.0, 0.0, 125.0, np.zeros(3)], atol=0.01)
+    np.testing.assert_allclose(flown.state[:3], [0.0, 0.0, 125.0], atol=0.3)
+    np.testing.assert_allclose(flown.state[3:], 0.0, atol=0.003)
     np.testing.assert_allclose(flown.step.target, np.r_[0.0, 0.0, 125.0, np.zeros(3)])
+    # It brakes from 40 cm/s once, and hovers for the rest of the time.
+    hovering = PULL * PERIOD * sum(phase is TouchPhase.HOME for phase, _ in flown.steps)
+    assert 0.4 < flown.back < 1.05 * 0.4 + hovering
 
 
 class Learned(DescentPolicy):
@@ -146,7 +154,7 @@ def test_a_failed_thruster_leads_home_from_any_height(since: float) -> None:
     assert flown.memory.reason is AbortReason.THRUSTER
     assert flown.memory.tries == 1  # It does not try again with a thruster less.
     assert flown.lowest > 0.0
-    assert flown.state[2] == pytest.approx(125.0, abs=0.1)
+    assert flown.state[2] == pytest.approx(125.0, abs=0.3)
 
 
 def test_it_tries_again_when_frames_come_back() -> None:
@@ -227,7 +235,9 @@ def test_an_abort_stops_no_lower_than_promised(seed: int) -> None:
     state, lowest = moved(state, np.zeros(3)), np.inf
     for k in range(60):
         shown = state.copy()
-        force = 0.9 * made.guidance.steady_force(k * PERIOD, shown, made.away.speed_m_s)
+        force = 0.9 * made.guidance.steady_force(
+            k * PERIOD, shown, np.array([0.0, 0.0, made.away.speed_m_s])
+        )
         for _ in range(40):
             state = moved(state, force, PERIOD / 40.0)
             lowest = min(lowest, state[2])
@@ -235,9 +245,7 @@ def test_an_abort_stops_no_lower_than_promised(seed: int) -> None:
 
 
 def test_the_memory_is_kept_whole() -> None:
-    kept = Memory(
-        TouchPhase.AWAY, AbortReason.LATE, 2, True, 1.5, 2.5, 3.5, True, np.arange(6.0), 4.5
-    )
+    kept = Memory(TouchPhase.AWAY, AbortReason.LATE, 2, True, 1.5, 2.5, True, np.arange(6.0), 3.5)
     again = _unpacked(_packed(kept))
     np.testing.assert_array_equal(again.state, kept.state)
     assert again._replace(state=0) == kept._replace(state=0)
