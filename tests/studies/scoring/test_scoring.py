@@ -81,9 +81,11 @@ def test_tracks_are_what_was_drawn(name: str) -> None:
     for one, other in zip(drawn.flights("zero"), kept.flights("zero"), strict=True):
         expected = values(other)
         # Since 1.14 a rigid spacecraft is told its star tracker's error, since 1.15 its noise, and
-        # since 1.17 a point its least impulse; since 1.18 a touch-and-go has a hybrid's gate.
+        # since 1.17 a point its least impulse; since 1.18 a touch-and-go has a hybrid's gate, and
+        # since 1.19 it is told what each thruster has of its own.
         attitude = ("attitude_deg", "attitude_noise_deg", "attitude_noise_correlation_s")
-        parts = {"touch": attitude, "lidar-after-survey": ("least_impulse_n_s",)}.get(name, ())
+        own = ("thrust_varying", "thruster", "thruster_direction_deg")
+        parts = {"touch": (*attitude, *own), "lidar-after-survey": ("least_impulse_n_s",)}.get(name, ())
         keys = [f".navigation.expected.{part}" for part in parts]
         keys += [".hybrid.epsilon_magnitude_n", ".hybrid.dead_band_n"] if name == "touch" else []
         told = {key: expected[key] for key in keys}

@@ -122,10 +122,10 @@ def _run(seed, steps, blinded=()):
 
 
 def test_the_filter_knows_how_wrong_it_is():
-    """NEES over 30 flights: attitude and bias, at a settled step, within the 99.9 % interval."""
-    last = [_run(seed, 60)[-1] for seed in range(30)]
+    """NEES over 100 flights: attitude and bias, at a settled step, within the 99.9 % interval."""
+    last = [_run(seed, 60)[-1] for seed in range(100)]
     nees = [error @ np.linalg.solve(covariance, error) for error, covariance in last]
-    low, high = chi2.ppf([0.0005, 0.9995], 6 * 30) / 30
+    low, high = chi2.ppf([0.0005, 0.9995], 6 * 100) / 100
     assert low < np.mean(nees) < high
 
 
