@@ -8,11 +8,13 @@ Each controller flies transits of the standard set in this process, on one threa
 logged at every step, and then again in a world that is drawn from `after_survey`. The MPC's step
 stands beside the paper's. With `--gravity table` all on board, and the world as believed, have the
 field from its table. `--spacecraft` flies a rigid one, of this model; `--layouts` shows what each
-layout of thrusters takes. Run it on a machine that does nothing else:
+layout of thrusters takes. `--sky` shows what a body that tumbles, two moons and sunlight cost, all
+together. Run it on a machine that does nothing else:
 
     python benchmarks/flight.py [--transits 3] [--gravity table] [--spacecraft smallsat]
     python benchmarks/flight.py --batch 512 [--steps 300]
     python benchmarks/flight.py --layouts
+    python benchmarks/flight.py --sky [--transits 3]
 """
 
 import argparse
@@ -49,6 +51,13 @@ from proxops.systems.shapes import ray_caster
 PAPER_MPC_S = 0.473
 CONTROLLERS = ("mpc", "policy", "hybrid")
 DISPERSIONS = ("after_survey", "after_survey_rigid")
+# Kleopatra's, as docs/method/gravity.md has them.
+SKY = """
+rotation: !TorqueFreeSpin {}
+moons:
+  - {mass_kg: 1.29e15, radius_m: 4.5e3, semi_major_axis_m: 656e3, period_s: 237.2e3}
+  - {mass_kg: 6.1e14, radius_m: 3.5e3, semi_major_axis_m: 499e3, period_s: 157.5e3}
+"""
 
 
 def import_time() -> float:
@@ -89,6 +98,29 @@ def body_times(count: int, body: Body) -> list[float]:
         ray_caster(make_true_body(body, truth).shape)
         times.append(time.perf_counter() - started)
     return times
+
+
+def print_sky(count: int) -> None:
+    """Processor time of flights with all of it, over that of the same flights without."""
+    lines = {}
+    with tempfile.TemporaryDirectory() as folder:
+        path, shipped = Path(folder) / "sky.yaml", ASSETS / "kleopatra"
+        text = (shipped / "kleopatra.yaml").read_text()
+        path.write_text(text.replace("mesh: ", f"mesh: {shipped}/", 1) + SKY)
+        ways = {}, {"body": str(path), "sunlight": {}}
+        for controller in CONTROLLERS:
+            times = np.zeros((count + 1, 2))
+            for index in range(count + 1):  # The first loads what is compiled.
+                for k, changes in enumerate(ways):
+                    scenario = load_scenario(None, {"transit.index": index} | changes)
+                    started = time.process_time()
+                    log = fly(scenario, controller)
+                    span = float(log.dataset["time"].values[-1])
+                    times[index, k] = (time.process_time() - started) / span
+            plain, all_of_it = 1e3 * times[1:].mean(axis=0)
+            lines[controller] = [f"{all_of_it:.2f}", f"{all_of_it / plain:.2f} x"]
+    headings = "ms for each second flown", "over a steady spin alone"
+    Shown("tumbling, two moons and sunlight", headings, lines).show()
 
 
 def print_layouts() -> None:
@@ -151,6 +183,7 @@ def main() -> None:
     parser.add_argument("--gravity", choices=("exact", "table"), default="exact")
     parser.add_argument("--spacecraft", metavar="MODEL", help="a rigid one; default: a point")
     parser.add_argument("--layouts", action="store_true", help="the propellant of each, no more")
+    parser.add_argument("--sky", action="store_true", help="what tumbling, moons and the Sun cost")
     parser.add_argument("--batch", type=int, default=0, help="transits at once")
     parser.add_argument("--steps", type=int, default=300, help="of each of these")
     asked = parser.parse_args()
@@ -158,6 +191,8 @@ def main() -> None:
         return print_batch(asked.batch, asked.steps)
     if asked.layouts:
         return print_layouts()
+    if asked.sky:
+        return print_sky(asked.transits)
     count, chosen = asked.transits, {"gravity": asked.gravity}
     where = "" if asked.gravity == "exact" else ", gravity: table"
     if asked.spacecraft:

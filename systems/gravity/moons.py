@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -60,8 +61,14 @@ def moon_position(moon: MoonConfig, time: float, spin: SpinModel) -> Vector3:
 
     K turns as `spin` says. Kepler's equation is solved by Newton's method.
     """
-    e = moon.eccentricity
-    mean = math.radians(moon.mean_anomaly_deg) + 2.0 * math.pi * time / moon.period_s
+    return _position(_ELEMENTS(moon), time, spin).copy()
+
+
+@functools.lru_cache(maxsize=64)
+def _position(elements: tuple[float, ...], time: float, spin: SpinModel) -> Vector3:
+    """See `moon_position`: many systems ask for the same times."""
+    semi_major_axis, period, e, start, *angles = elements
+    mean = math.radians(start) + 2.0 * math.pi * time / period
     mean = math.remainder(mean, 2.0 * math.pi)
     anomaly = mean if e < 0.8 else math.copysign(math.pi, mean)
     for _ in range(_MOST_STEPS):
@@ -69,14 +76,24 @@ def moon_position(moon: MoonConfig, time: float, spin: SpinModel) -> Vector3:
         anomaly -= step
         if abs(step) < _STEP:
             break
-    x = moon.semi_major_axis_m * (math.cos(anomaly) - e)
-    y = moon.semi_major_axis_m * math.sqrt(1.0 - e * e) * math.sin(anomaly)
-    return rotation_matrix(spin.attitude(time)).T @ (_orbit_axes(moon) @ [x, y, 0.0])
+    x = semi_major_axis * (math.cos(anomaly) - e)
+    y = semi_major_axis * math.sqrt(1.0 - e * e) * math.sin(anomaly)
+    return rotation_matrix(spin.attitude(time)).T @ (_orbit_axes(*angles) @ [x, y, 0.0])
 
 
-def _orbit_axes(moon: MoonConfig) -> np.ndarray:
-    """The axes of the orbit (3, 3) in N, in columns; the first goes through the pericentre."""
-    angles = (moon.node_deg, moon.inclination_deg, moon.pericentre_deg)
+_ANGLES = operator.attrgetter("node_deg", "inclination_deg", "pericentre_deg")
+_ELEMENTS = operator.attrgetter(
+    "semi_major_axis_m", "period_s", "eccentricity", "mean_anomaly_deg",
+    "node_deg", "inclination_deg", "pericentre_deg",
+)  # fmt: skip
+
+
+@functools.lru_cache(maxsize=64)
+def _orbit_axes(*angles: float) -> np.ndarray:
+    """The axes of the orbit (3, 3) in N, in columns; the first goes through the pericentre.
+
+    By the angles of node, inclination and pericentre in degrees.
+    """
     (a, b, c), (u, v, w) = np.cos(np.radians(angles)), np.sin(np.radians(angles))
     return np.array(
         [
@@ -95,7 +112,7 @@ def moon_axes(moon: MoonConfig, time: float, spin: SpinModel) -> Matrix3:
     """
     x = -moon_position(moon, time, spin)
     x /= np.linalg.norm(x)
-    z = rotation_matrix(spin.attitude(time)).T @ _orbit_axes(moon)[:, 2]
+    z = rotation_matrix(spin.attitude(time)).T @ _orbit_axes(*_ANGLES(moon))[:, 2]
     return np.column_stack([x, np.cross(z, x), z])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,6 +21,8 @@ from proxops.systems.lidar.lidar_geometry import DEFAULT_GEOMETRY, LidarGeometry
 from proxops.systems.lidar.planar_lidar import turned
 from proxops.systems.rotation import Spin, spin_model
 from proxops.systems.shapes import Polyhedron, RayCaster
+
+_ROUNDING = 1e-9
 
 
 class LidarWithMoons(Lidar):
@@ -48,7 +51,12 @@ class LidarWithMoons(Lidar):
         """Takes the moons and how K turns, beside what `Lidar` takes."""
         super().__init__(shape, errors, geometry, period, seed)
         self.moons, self.spin = moons, spin_model(spin)
-        self._moon_fans = [RayCaster(moon.shape).fan(self.directions) for moon in moons]
+        self._seen = [
+            (RayCaster(moon.shape).fan(self.directions),
+             float(np.linalg.norm(moon.shape.vertices, axis=1).max()))
+            for moon in moons
+        ]  # fmt: skip
+        """Of each moon its rays, and the radius in m of the ball that holds it."""
 
     def returns_at(self, position: Vector3, rotation: Matrix3 | None, time: float) -> TrueReturns:
         """The rays that meet body or moon at a time in s: see `PlanarLidar.true_returns`."""
@@ -58,10 +66,12 @@ class LidarWithMoons(Lidar):
         distances[body.rays] = body.distances
         if body.grazing is not None:
             grazing[body.rays] = body.grazing
-        for moon, fan in zip(self.moons, self._moon_fans, strict=True):
+        for moon, (fan, radius) in zip(self.moons, self._seen, strict=True):
             axes = moon_axes(moon.config, time, self.spin)
             place = axes.T @ (position - moon_position(moon.config, time, self.spin))
             turn = axes.T if rotation is None else axes.T @ rotation
+            if not self._may_meet(place @ turn, radius):
+                continue
             _, rays, ranges, facets = fan.hits(place[None], turn)
             nearer = ranges < distances[rays]
             rays = rays[nearer]
@@ -71,6 +81,17 @@ class LidarWithMoons(Lidar):
             grazing[rays] = too_grazing(normals, directions, self.errors.max_incidence)
         found = np.flatnonzero(distances < np.inf)
         return TrueReturns(found, distances[found], grazing[found])
+
+    def _may_meet(self, place: Vector3, radius: float) -> bool:
+        """Whether a ray within reach may meet a ball, from a place (3,) in m from it, along S."""
+        away = float(np.linalg.norm(place))
+        if away - radius > self.geometry.max_range:
+            return False
+        if away <= radius:
+            return True
+        # The cosine of the half-angle of a cone about the ball.
+        least = math.sqrt(1.0 - (radius / away) ** 2)
+        return bool((self.directions @ (place / -away)).max() > least - _ROUNDING)
 
     def _ranges(
         self, position: np.ndarray, rotation: np.ndarray | None, seed: int, step: int

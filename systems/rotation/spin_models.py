@@ -39,6 +39,8 @@ _STEADY = 1e-12
 _GREATEST_PARAMETER = 1.0 - 2e-10
 # Relative error of what a spin's errors do: far below the errors of a linear model.
 _TOLERANCE = 1e-8
+# So many times are remembered, with what belongs to them.
+_RECENT = 64
 
 
 @config
@@ -199,6 +201,24 @@ class TorqueFreeSpin:
 
     def angular_velocity(self, times: float | np.ndarray) -> np.ndarray:
         """w (..., 3) in rad/s, in K, at times (...) in s."""
+        return self._velocity(times) if isinstance(times, np.ndarray) else self._velocity_at(times)
+
+    def angular_acceleration(self, times: float | np.ndarray) -> np.ndarray:
+        """The derivative of w (..., 3) in rad/s^2, in K, at times (...) in s: -I^-1 (w x I w)."""
+        if isinstance(times, np.ndarray):
+            return self._acceleration(times)
+        return self._acceleration_at(times)
+
+    # Many systems ask for the same times.
+    @functools.lru_cache(maxsize=_RECENT)  # noqa: B019 (a flight has one or two models)
+    def _velocity_at(self, time: float) -> np.ndarray:
+        return _read_only(self._velocity(time))
+
+    @functools.lru_cache(maxsize=_RECENT)  # noqa: B019
+    def _acceleration_at(self, time: float) -> np.ndarray:
+        return _read_only(self._acceleration(time))
+
+    def _velocity(self, times: float | np.ndarray) -> np.ndarray:
         motion = self._motion
         if motion is None:
             return np.broadcast_to(self.rate, (*np.shape(times), 3))
@@ -207,8 +227,7 @@ class TorqueFreeSpin:
         rates = np.stack([first * cn, second * sn, third * dn], axis=-1)
         return rates @ rotation_matrix(motion.axes).T
 
-    def angular_acceleration(self, times: float | np.ndarray) -> np.ndarray:
-        """The derivative of w (..., 3) in rad/s^2, in K, at times (...) in s: -I^-1 (w x I w)."""
+    def _acceleration(self, times: float | np.ndarray) -> np.ndarray:
         rates = self.angular_velocity(times)
         return -np.cross(rates, rates @ self.inertia) @ self._inverse
 
@@ -220,6 +239,7 @@ class TorqueFreeSpin:
             return math.inf
         return 4.0 * float(ellipk(motion.parameter)) / abs(motion.frequency)
 
+    @functools.lru_cache(maxsize=_RECENT)  # noqa: B019
     def attitude(self, time: float) -> Quaternion:
         """R_NK at a time in s."""
         if self._motion is None:
@@ -312,9 +332,19 @@ def _precession(motion: _Motion, time: float, amplitude: float) -> float:
     m = motion.parameter
     d = b**2 * second / (c**2 * third) - m
     e = b * second * (c - b) / (c**3 * third)
-    begun = float(ellipj(motion.start, m)[3])
-    integral = _third_kind(amplitude, m, d) - _third_kind(begun, m, d)
+    integral = _third_kind(amplitude, m, d) - _begun(motion, d)
     return motion.momentum * (time / c + e * integral / motion.frequency)
+
+
+@functools.lru_cache(maxsize=8)
+def _begun(motion: _Motion, d: float) -> float:
+    """What `_third_kind` is at time 0."""
+    return _third_kind(float(ellipj(motion.start, motion.parameter)[3]), motion.parameter, d)
+
+
+def _read_only(values: np.ndarray) -> np.ndarray:
+    values.flags.writeable = False
+    return values
 
 
 def _third_kind(amplitude: float, m: float, d: float) -> float:
