@@ -97,7 +97,8 @@ def test_above_the_ground_both_plants_agree() -> None:
     site = touch_site(low(), load_body("bennu"))
     start = site.position + 0.6 * site.normal
     ends = {f"transit.{end}_m": start.tolist() for end in ("start", "goal")}
-    scenario = low(**ends, control_period_s=2.0)
+    far = {"task.descent.home_m": 125.0}  # It thrusts to go there.
+    scenario = low(**ends, **far, control_period_s=2.0)
     world = World.of(scenario)
     found = []
     for by_contact in (False, True):

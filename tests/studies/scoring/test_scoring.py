@@ -85,7 +85,9 @@ def test_tracks_are_what_was_drawn(name: str) -> None:
         # since 1.19 it is told what each thruster has of its own.
         attitude = ("attitude_deg", "attitude_noise_deg", "attitude_noise_correlation_s")
         own = ("thrust_varying", "thruster", "thruster_direction_deg")
-        parts = {"touch": (*attitude, *own), "lidar-after-survey": ("least_impulse_n_s",)}.get(name, ())
+        parts = {"touch": (*attitude, *own), "lidar-after-survey": ("least_impulse_n_s",)}.get(
+            name, ()
+        )
         keys = [f".navigation.expected.{part}" for part in parts]
         keys += [".hybrid.epsilon_magnitude_n", ".hybrid.dead_band_n"] if name == "touch" else []
         told = {key: expected[key] for key in keys}
