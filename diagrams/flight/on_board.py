@@ -24,7 +24,7 @@ from proxops.systems.touch import TouchController
 STATE_PORTS = ("state", "position", "velocity")
 """Ports of a controller that tell it its own motion."""
 # Input ports of a controller that may remain unconnected.
-_OPTIONAL_PORTS = {"enable", "covariance", "failed"}
+_OPTIONAL_PORTS = {"enable", "covariance", "failed", "body_attitude"}
 
 
 def add_on_board(

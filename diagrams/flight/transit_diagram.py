@@ -214,7 +214,10 @@ def diagram_of(
         if touches:  # The arm points along the normal, wherever the spacecraft is.
             place: System = wiring.add("home", ConstantVectorSource(goal[:3]))
         else:  # Frames come at control steps alone, and guidance asks at attitude steps.
-            held = wiring.add("state_sample", FreshHold(period, 6), u=known["state"])
+            # A controller that knows where it is by itself says so.
+            own = controller.HasOutputPort("state")
+            state = controller.GetOutputPort("state") if own else known["state"]
+            held = wiring.add("state_sample", FreshHold(period, 6), u=state)
             place = wiring.add("reckoning", Reckoning(period), state=held.get_output_port())
         add_actuation(wiring, craft, acting, {**sensed, "position": place.get_output_port()})
         if touches:

@@ -20,7 +20,15 @@ from proxops.diagrams.scenario import (
     make_true_body,
     survey_errors,
 )  # fmt: skip
-from proxops.systems.common import InputError, Progress, Vector3, generator, silent
+from proxops.systems.common import (
+    InputError,
+    Matrix3,
+    Progress,
+    Vector3,
+    generator,
+    rotation_matrix,
+    silent,
+)
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
 from proxops.systems.mapping import FEWEST, Around, Returns, SurveyController
 from proxops.systems.shapes import clearances
@@ -80,8 +88,6 @@ def around_of(scenario: Scenario, body: Body) -> Around:
     """
     if not isinstance(scenario.task, SurveyConfig):
         raise InputError("the scenario's task is no survey: set task: !Survey {}")
-    if scenario.is_rigid:
-        raise InputError("a survey flies a point: set spacecraft: !PointMass {}")
     if not body.spin.about_z:
         raise InputError(f"{body.config.name} tumbles, and a body that tumbles is not surveyed")
     if body.moons:
@@ -167,10 +173,12 @@ class Flying:
         self._task = task
         self._world = survey_world(scenario, body)
         craft, lidar = self._world.scenario.spacecraft, self._world.scenario.lidar_geometry
+        limit = craft.thrust_limit_n
+        if self._world.scenario.is_rigid:  # Along its own axes, wherever these point.
+            limit /= math.sqrt(3.0)
         self._controller = SurveyController(
-            self._around, lidar.directions, craft.mass_kg, craft.thrust_limit_n,
-            self._task.period_s,
-        )  # fmt: skip
+            self._around, lidar.directions, craft.mass_kg, limit, self._task.period_s
+        )
         self._controller.set_name("controller")
         self._diagram = diagram_of(self._world, self._controller)
         self._kept = _Kept(self._diagram, self._controller, self._world, self._task.period_s)
@@ -215,10 +223,9 @@ class _Kept:
     def __init__(self, diagram, controller: SurveyController, world: World, period: float):
         self._diagram, self._controller, self._world = diagram, controller, world
         self._period = period
-        self._lidar = diagram.GetSubsystemByName("lidar").GetOutputPort("ranges")
-        self._craft = diagram.GetSubsystemByName("spacecraft").GetOutputPort("state")
         self._times: list[float] = []
         self._frames: list[tuple[np.ndarray, np.ndarray]] = []
+        self._axes: list[Matrix3] = []
         self._forces: list[np.ndarray] = []
         self._states: list[np.ndarray] = []
         self._orbit: float | None = None
@@ -228,14 +235,22 @@ class _Kept:
         now = context.get_time()
         if abs(now / self._period - round(now / self._period)) > 1e-6:
             return
-        ranges = self._lidar.Eval(
-            self._diagram.GetSubsystemByName("lidar").GetMyContextFromRoot(context)
-        )
+
+        def output(system: str, port: str) -> np.ndarray:
+            found = self._diagram.GetSubsystemByName(system)
+            return found.GetOutputPort(port).Eval(found.GetMyContextFromRoot(context)).copy()
+
+        ranges = output("lidar", "ranges")
         seen = np.flatnonzero(np.isfinite(ranges))
-        craft = self._diagram.GetSubsystemByName("spacecraft")
-        self._states.append(self._craft.Eval(craft.GetMyContextFromRoot(context)).copy())
+        self._states.append(output("spacecraft", "state"))
         self._times.append(now)
         self._frames.append((seen, ranges[seen]))
+        axes = np.eye(3)
+        if self._world.scenario.is_rigid:
+            axes = rotation_matrix(output("attitude_filter", "body_attitude"))
+            if self._forces:  # What was given since the last step.
+                self._forces[-1] = output("given_force", "mean_force")
+        self._axes.append(axes)
         self._forces.append(self._controller.GetOutputPort("force").Eval(own).copy())
         if self._orbit is None and self._controller.kept_for(own) > 0.0:
             self._orbit = now
@@ -263,12 +278,14 @@ class _Kept:
         attitudes[:, 0, 0] = attitudes[:, 1, 1] = np.cos(turns)
         attitudes[:, 1, 0], attitudes[:, 0, 1] = np.sin(turns), -np.sin(turns)
         attitudes[:, 2, 2] = 1.0
+        thrusts = np.einsum("fij,fj->fi", attitudes, np.array(self._forces)[chosen])
+        attitudes = attitudes @ np.array(self._axes)[chosen]
         forces, mass = np.array(self._forces), scenario.spacecraft.mass_kg
         directions = scenario.lidar_geometry.directions
         rays = [self._frames[k] for k in chosen]
         returns = Returns(
             times[chosen], attitudes,
-            np.einsum("fij,fj->fi", attitudes, forces[chosen]) / mass,
+            thrusts / mass,
             np.repeat(np.arange(len(chosen)), [len(seen) for seen, _ in rays]),
             directions[np.concatenate([seen for seen, _ in rays])],
             np.concatenate([ranges for _, ranges in rays]),

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from pydrake.systems.framework import BasicVector, LeafSystem
 
-from proxops.systems.common import Values, Vector3, Vectors3
+from proxops.systems.common import Matrix3, Values, Vector3, Vectors3, rotation_matrix
 from proxops.systems.mapping.first_orbit import FEWEST, densest, middle_of, unseen
 from proxops.systems.mapping.spheres import sphere
 from proxops.systems.mapping.survey_filter import (
@@ -53,16 +53,16 @@ class SurveyController(LeafSystem):
     """Orbits a body of which an ellipsoid, a mass and a spin are known, and nothing else.
 
     ```
-             ┌──────────────────┐
-    ranges ─►│ SurveyController ├─► force (3), N, S
-      (R), m └──────────────────┘
+    ranges (R), m ──────────►┌──────────────────┐─► force (3), N, K as believed
+    body_attitude (4), R_KS ►│ SurveyController │
+                             └──────────────────┘─► state (6), m, m/s, K as believed; NaN: unseen
     ```
 
     A Kalman filter in N (`survey_filter`) knows position, velocity and GM by where the frames show
     the body's middle. Far away the controller aims at the orbit's radius, in a plane that is steep
     to the equator; near it, at an orbit between two radii. It thrusts only if the velocity is off
-    by more than is unsure: a free orbit costs nothing. Attitude is as believed: S turns with the
-    body's believed rotation.
+    by more than is unsure: a free orbit costs nothing. K turns as believed. `body_attitude` is as
+    measured against the stars; it may remain open: then S has K's axes.
     """
 
     def __init__(
@@ -79,6 +79,7 @@ class SurveyController(LeafSystem):
         self.around, self._directions = around, directions
         self._mass, self._thrust, self._period = mass, thrust, period
         self._ranges = self.DeclareVectorInputPort("ranges", len(directions))
+        self._attitude = self.DeclareVectorInputPort("body_attitude", 4)
         self._parts = sphere(2).vertices
         self.DeclareDiscreteState(np.zeros(_COUNTS + len(self._parts)))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
@@ -87,6 +88,9 @@ class SurveyController(LeafSystem):
             BasicVector(3),
             self._calc_force,
             {self.xd_ticket(), self.time_ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "state", 6, self._calc_state, {self.xd_ticket(), self.time_ticket()}
         )
 
     def kept_for(self, context) -> float:
@@ -99,6 +103,17 @@ class SurveyController(LeafSystem):
 
     def _calc_force(self, context, output):
         output.SetFromVector(self._force(context.get_time(), context.get_discrete_state(0).value()))
+
+    def _calc_state(self, context, output):
+        """As it was predicted for this control step, at whole multiples of the period."""
+        values = context.get_discrete_state(0).value()
+        if values[_SEEN] == 0.0:
+            output.SetFromVector(np.full(6, np.nan))
+            return
+        mean, turn = values[:STATES], self.around.turn(context.get_time())
+        place = mean[PLACE] @ turn
+        turning = np.cross([0.0, 0.0, self.around.rate], place)
+        output.SetFromVector(np.concatenate([place, mean[VELOCITY] @ turn - turning]))
 
     def _force(self, time: float, values: Values) -> Vector3:
         if values[_SEEN] == 0.0:
@@ -125,11 +140,14 @@ class SurveyController(LeafSystem):
     def _update(self, context, discrete):
         time, values = context.get_time(), context.get_discrete_state(0).value().copy()
         around, turn = self.around, self.around.turn(time)
-        middle, rays = self._middle(turn, self._ranges.Eval(context))
+        axes = turn
+        if self._attitude.HasValue(context):
+            axes = turn @ rotation_matrix(self._attitude.Eval(context))
+        middle, rays = self._middle(turn, axes, self._ranges.Eval(context))
         thrust = turn @ self._force(time, values) / self._mass
         flown = None if values[_SEEN] == 0.0 else _flown(values)
         if middle is not None:
-            gap = turn @ unseen(self._directions, middle @ turn, around.longest) @ turn.T
+            gap = axes @ unseen(self._directions, middle @ axes, around.longest) @ axes.T
             if flown is None:
                 flown = first_seen(around, middle, gap)
             else:
@@ -145,12 +163,17 @@ class SurveyController(LeafSystem):
             values[:_KEPT] = np.r_[flown.mean, flown.covariance.ravel(), 1.0]
         discrete.get_mutable_vector(0).SetFromVector(values)
 
-    def _middle(self, turn: np.ndarray, ranges: Values) -> tuple[Vector3 | None, Vectors3]:
-        """The place (3,) from the body's middle, and rays (K, 3) that show it, in m in N."""
+    def _middle(
+        self, turn: Matrix3, axes: Matrix3, ranges: Values
+    ) -> tuple[Vector3 | None, Vectors3]:
+        """The place (3,) from the body's middle, and rays (K, 3) that show it, in m in N.
+
+        `turn` (3, 3) is R_NB, `axes` R_NS.
+        """
         seen = np.flatnonzero(np.isfinite(ranges))
         if len(seen) < FEWEST:
             return None, np.zeros((0, 3))
-        rays = (self._directions[seen] * ranges[seen, None]) @ turn.T
+        rays = (self._directions[seen] * ranges[seen, None]) @ axes.T
         rays = rays[densest(rays, self.around.longest)]
         if len(rays) < FEWEST:
             return None, np.zeros((0, 3))
