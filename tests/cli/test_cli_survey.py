@@ -19,7 +19,7 @@ from proxops.diagrams.surveys import run_survey, survey_run
 from proxops.diagrams.surveys.survey_files import NewMap, true_in, visit_scenario
 from proxops.diagrams.surveys.survey_flight import Flying, around_of, survey_world
 from proxops.systems.common import InputError
-from proxops.systems.mapping import Returns
+from proxops.systems.mapping import FEWEST, Returns
 
 
 def survey(**task):
@@ -108,6 +108,21 @@ def test_a_flight_goes_on_and_ends_when_it_must() -> None:
     with pytest.raises(InputError, match=r"task\.approach_hours"):
         flying.fly(0.1)
     flying.close()
+
+
+def test_a_rigid_spacecraft_keeps_the_body_in_view() -> None:
+    """K turns by 33 degrees in that time, a field of view of 20 degrees does not."""
+    craft = {"_tag": "!RigidBody", "pointing": {"mode": "body"}}
+    lidar = {"field_of_view_deg": 20.0, "planes": 16, "rays": 16}
+    task = {"_tag": "!Survey", "hours": 0.1, "approach_hours": 0.4}
+    changes = {"spacecraft": craft, "lidar": lidar, "task": task, "dispersions": "first_look"}
+    scenario = load_scenario(None, changes)
+    flying = Flying(scenario, load_body("kleopatra"))
+    with pytest.raises(InputError, match="did not come to its orbit"):
+        flying.fly(0.1)
+    flying.close()
+    seen = [len(rays) >= FEWEST for rays, _ in flying._kept._frames]
+    assert np.mean(seen) > 0.95  # A frame in a hundred is lost.
 
 
 def test_a_lidar_without_a_return_never_saw_the_body() -> None:
