@@ -25,10 +25,11 @@ def frame(directions: np.ndarray) -> np.ndarray:
 
 def after_a_frame(directions: np.ndarray, turned: Rotation | None) -> np.ndarray:
     controller = SurveyController(AROUND, directions, 1400.0, 6.0, PERIOD)
-    given = {"ranges": frame(directions if turned is None else turned.apply(directions))}
+    ranges = frame(directions if turned is None else turned.apply(directions))
+    context = context_of(controller, TIME, ranges=ranges)
     if turned is not None:
-        given["body_attitude"] = turned.as_quat(scalar_first=True)
-    context = context_of(controller, TIME, **given)
+        attitude = turned.as_quat(scalar_first=True)
+        controller.GetInputPort("body_attitude").FixValue(context, attitude)
     context.SetDiscreteState(controller.EvalUniquePeriodicDiscreteUpdate(context))
     return context.get_discrete_state(0).value().copy()
 
