@@ -139,7 +139,9 @@ def make_transit_diagram(
         world of its transit is drawn from them.
       controller: any system with an output port `force` (3), in N in K, and any of the input
         ports `state` (6), `target` (6), `position` (3), `velocity` (3), `ranges`, `covariance` (81)
-        and `commanded_force` (3). It may offer more: see `fly`. None: the MPC.
+        and `commanded_force` (3); at a rigid spacecraft also `body_attitude` (4). There an output
+        port `state` (6), of where the controller itself takes it to be, is what pointing goes by.
+        It may offer more: see `fly`. None: the MPC.
       meshcat: shows the flight live, with the controller's plan if it has an output port `plan`
         (abstract Plan).
       body: the body as believed; None: the body that the scenario names.
@@ -214,7 +216,6 @@ def diagram_of(
         if touches:  # The arm points along the normal, wherever the spacecraft is.
             place: System = wiring.add("home", ConstantVectorSource(goal[:3]))
         else:  # Frames come at control steps alone, and guidance asks at attitude steps.
-            # A controller that knows where it is by itself says so.
             own = controller.HasOutputPort("state")
             state = controller.GetOutputPort("state") if own else known["state"]
             held = wiring.add("state_sample", FreshHold(period, 6), u=state)

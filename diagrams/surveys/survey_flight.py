@@ -278,14 +278,14 @@ class _Kept:
         attitudes[:, 0, 0] = attitudes[:, 1, 1] = np.cos(turns)
         attitudes[:, 1, 0], attitudes[:, 0, 1] = np.sin(turns), -np.sin(turns)
         attitudes[:, 2, 2] = 1.0
-        thrusts = np.einsum("fij,fj->fi", attitudes, np.array(self._forces)[chosen])
-        attitudes = attitudes @ np.array(self._axes)[chosen]
         forces, mass = np.array(self._forces), scenario.spacecraft.mass_kg
+        thrusts = np.einsum("fij,fj->fi", attitudes, forces[chosen]) / mass
+        attitudes = attitudes @ np.array(self._axes)[chosen]
         directions = scenario.lidar_geometry.directions
         rays = [self._frames[k] for k in chosen]
         returns = Returns(
             times[chosen], attitudes,
-            thrusts / mass,
+            thrusts,
             np.repeat(np.arange(len(chosen)), [len(seen) for seen, _ in rays]),
             directions[np.concatenate([seen for seen, _ in rays])],
             np.concatenate([ranges for _, ranges in rays]),

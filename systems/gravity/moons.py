@@ -56,6 +56,13 @@ class MoonConfig:
     mesh: str = ""
 
 
+# Those of the orbit's plane last.
+_ELEMENTS = operator.attrgetter(
+    "semi_major_axis_m", "period_s", "eccentricity", "mean_anomaly_deg",
+    "node_deg", "inclination_deg", "pericentre_deg",
+)  # fmt: skip
+
+
 def moon_position(moon: MoonConfig, time: float, spin: SpinModel) -> Vector3:
     """Where a moon is (3,) at a time in s, in m from the centre of mass, along the axes of K.
 
@@ -79,13 +86,6 @@ def _position(elements: tuple[float, ...], time: float, spin: SpinModel) -> Vect
     x = semi_major_axis * (math.cos(anomaly) - e)
     y = semi_major_axis * math.sqrt(1.0 - e * e) * math.sin(anomaly)
     return rotation_matrix(spin.attitude(time)).T @ (_orbit_axes(*angles) @ [x, y, 0.0])
-
-
-_ANGLES = operator.attrgetter("node_deg", "inclination_deg", "pericentre_deg")
-_ELEMENTS = operator.attrgetter(
-    "semi_major_axis_m", "period_s", "eccentricity", "mean_anomaly_deg",
-    "node_deg", "inclination_deg", "pericentre_deg",
-)  # fmt: skip
 
 
 @functools.lru_cache(maxsize=64)
@@ -112,7 +112,7 @@ def moon_axes(moon: MoonConfig, time: float, spin: SpinModel) -> Matrix3:
     """
     x = -moon_position(moon, time, spin)
     x /= np.linalg.norm(x)
-    z = rotation_matrix(spin.attitude(time)).T @ _orbit_axes(*_ANGLES(moon))[:, 2]
+    z = rotation_matrix(spin.attitude(time)).T @ _orbit_axes(*_ELEMENTS(moon)[-3:])[:, 2]
     return np.column_stack([x, np.cross(z, x), z])
 
 

@@ -29,7 +29,7 @@ from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.frame_model import FrameModel
 from proxops.systems.navigation.map_error import MapError
 from proxops.systems.navigation.mended_map import MendedMap, mended_map
-from proxops.systems.navigation.motion import Motion, Push
+from proxops.systems.navigation.motion import PUSH_SIZE, Motion, Push
 from proxops.systems.navigation.navigator import Memory, Navigator, Step
 from proxops.systems.navigation.step_records import NavigationPhase, ReturnUse
 from proxops.systems.rotation import Spin
@@ -296,9 +296,9 @@ class LidarNavigation(LeafSystem):
         return Memory(estimate, held, int(contradictions), NavigationPhase(int(phase)), attitude)
 
     def _parts(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Views of a vector: forces (D + 1, 10), mean (n,) and covariance (n, n)."""
-        n, mean = self._size, _HEAD + 10 * (self.frame_delay + 1)
-        forces = vector[_HEAD:mean].reshape(-1, 10)
+        """Views of a vector: forces (D + 1, PUSH_SIZE), mean (n,) and covariance (n, n)."""
+        n, mean = self._size, _HEAD + PUSH_SIZE * (self.frame_delay + 1)
+        forces = vector[_HEAD:mean].reshape(-1, PUSH_SIZE)
         return forces, vector[mean : mean + n], vector[mean + n :].reshape(n, n)
 
 

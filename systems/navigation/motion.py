@@ -23,6 +23,10 @@ _MOST_STEPS = 200
 _POINTS = np.array([[-1.0], [1.0]]) / math.sqrt(3.0)
 
 
+PUSH_SIZE = 10
+"""Numbers in a packed `Push`."""
+
+
 class Push(NamedTuple):
     """What the thrusters gave over a period, as far as is known; vectors (3,) along S's axes."""
 
@@ -42,12 +46,12 @@ class Push(NamedTuple):
         return cls(given, sum(map(abs, given.tolist())))
 
     def packed(self) -> np.ndarray:
-        """As a row (10,)."""
+        """As a row (PUSH_SIZE,)."""
         return np.concatenate([self.force, [self.thrust], self.apart, self.lead])
 
     @classmethod
     def unpacked(cls, row: np.ndarray) -> Push:
-        """From a row (10,)."""
+        """From a row (PUSH_SIZE,)."""
         return cls(row[:3], float(row[3]), row[4:7], row[7:])
 
 
@@ -99,9 +103,9 @@ class Motion:
                 self.mass,
             )
             estimate = Estimate(*moved, estimate.spent + spent)
-        return (
-            self._with_lead(estimate, push.lead, time + duration) if push.lead.any() else estimate
-        )
+        if push.lead.any():
+            estimate = self._with_lead(estimate, push.lead, time + duration)
+        return estimate
 
     def _varying_push(self, push: Push) -> np.ndarray:
         """Variance (3,) in (m/s^2)^2 along each axis of what varies as other thrusters push.

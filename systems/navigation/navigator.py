@@ -34,7 +34,7 @@ from proxops.systems.navigation.estimate import (
 )
 from proxops.systems.navigation.expected_errors import ExpectedErrors
 from proxops.systems.navigation.frame_model import FrameModel
-from proxops.systems.navigation.motion import Motion, Push
+from proxops.systems.navigation.motion import PUSH_SIZE, Motion, Push
 from proxops.systems.navigation.relief import forgotten
 from proxops.systems.navigation.step_records import NavigationPhase
 
@@ -90,8 +90,7 @@ class Memory(NamedTuple):
     estimate: Estimate | None
     """At the last frame's time; None: there is none."""
     forces: np.ndarray
-    """(D + 1, 10) of the last periods, the oldest first: what the thrusters gave, a packed `Push`
-    each."""
+    """(D + 1, PUSH_SIZE) of the last periods, the oldest first: a packed `Push` each."""
     contradictions: int
     """Number of frames in a row that contradicted the prediction, or that no place explained."""
     phase: NavigationPhase
@@ -151,7 +150,7 @@ class Navigator:
 
     def start(self) -> Memory:
         """The memory before the first frame."""
-        forces = np.zeros((self._delay + 1, 10))
+        forces = np.zeros((self._delay + 1, PUSH_SIZE))
         return Memory(None, forces, 0, NavigationPhase.ACQUIRING, np.eye(3))
 
     def with_axes(self, axes: Matrix3) -> Navigator:
@@ -209,7 +208,7 @@ class Navigator:
         return Step(now, memory, correction)
 
     def _predicted(self, estimate: Estimate, row: np.ndarray, begun: float) -> Estimate:
-        """The estimate after a period under a row (10,) of `Memory.forces`."""
+        """The estimate after a period under a row of `Memory.forces`."""
         moved = self.motion.predicted(estimate, Push.unpacked(row), begun, self._period)
         error = self.model.map_error
         if not error.relief:
