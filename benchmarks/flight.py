@@ -107,14 +107,15 @@ def print_sky(count: int) -> None:
         path, shipped = Path(folder) / "sky.yaml", ASSETS / "kleopatra"
         text = (shipped / "kleopatra.yaml").read_text()
         path.write_text(text.replace("mesh: ", f"mesh: {shipped}/", 1) + SKY)
-        ways = {}, {"body": str(path), "sunlight": {}}
+        changes = {}, {"body": str(path), "sunlight": {}}
+        ways = [(each, load_body(each.get("body", "kleopatra"))) for each in changes]
         for controller in CONTROLLERS:
             times = np.zeros((count + 1, 2))
             for index in range(count + 1):  # The first loads what is compiled.
-                for k, changes in enumerate(ways):
-                    scenario = load_scenario(None, {"transit.index": index} | changes)
+                for k, (each, body) in enumerate(ways):
+                    scenario = load_scenario(None, {"transit.index": index} | each)
                     started = time.process_time()
-                    log = fly(scenario, controller)
+                    log = fly(scenario, controller, body=body)
                     span = float(log.dataset["time"].values[-1])
                     times[index, k] = (time.process_time() - started) / span
             plain, all_of_it = 1e3 * times[1:].mean(axis=0)
