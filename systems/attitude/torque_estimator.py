@@ -125,15 +125,15 @@ def _corrected(mean, covariance, suspicion, unexplained, pushes, noise):
     rows[:, :3] = cross_matrix(all_forces)
     for i in range(3):
         rows[i, 3 + i] = 1.0
-    across = np.zeros((3, size))
+    across, total = np.zeros((3, size)), noise.copy()
     for i in range(3):
         for k in range(size):
             if rows[i, k] != 0.0:
-                across[i] += rows[i, k] * covariance[k]
-    total = noise.copy()
-    for i in range(3):
+                for m in range(size):
+                    across[i, m] += rows[i, k] * covariance[k, m]
         for j in range(3):
-            total[i, j] += (across[i] * rows[j]).sum()
+            for k in range(size):
+                total[i, j] += across[i, k] * rows[j, k]
     inverse = inverse_matrix(total)
 
     after, highest, ratios = suspicion.copy(), -np.inf, np.zeros(n)
@@ -162,13 +162,21 @@ def _corrected(mean, covariance, suspicion, unexplained, pushes, noise):
         square += weighted[i] * innovation[i]
     if square > _CONTRADICTION and highest > 0.0:
         return mean, covariance, after
-    new_mean, new_covariance = mean.copy(), covariance.copy()
+    # With C the rows' covariance, G = S^-1 C: the mean grows by C^T S^-1 y, P falls by C^T G.
+    gain = np.zeros((3, size))
     for i in range(3):
-        new_mean += across[i] * weighted[i]
         for j in range(3):
-            for k in range(size):
-                new_covariance[k] -= across[i, k] * inverse[i, j] * across[j]
-    return new_mean, 0.5 * (new_covariance + new_covariance.T), after
+            gain[i] += inverse[i, j] * across[j]
+    new_mean, new_covariance = mean.copy(), np.empty((size, size))
+    for k in range(size):
+        for i in range(3):
+            new_mean[k] += across[i, k] * weighted[i]
+        for m in range(k + 1):
+            value = 0.5 * (covariance[k, m] + covariance[m, k])
+            for i in range(3):
+                value -= across[i, k] * gain[i, m]
+            new_covariance[k, m] = new_covariance[m, k] = value
+    return new_mean, new_covariance, after
 
 
 class _Turned(NamedTuple):
