@@ -27,7 +27,7 @@ from proxops.diagrams.scenario import (
     touch_site,
 )
 from proxops.systems import RigidSpacecraft
-from proxops.systems.common import rotation_matrix
+from proxops.systems.common import cross_matrix, rotation_matrix
 from proxops.systems.policy import DescentBundle
 from proxops.systems.touch import (
     DescentGuidance,
@@ -131,9 +131,11 @@ class TouchMotion:
         """Whether the ground is within reach, and so much in m more."""
         shape, place = self._world.true_body.shape, self._state(context)[4:7]
         # No point of a facet is farther from a corner than its longest edge.
-        if np.linalg.norm(shape.vertices - place, axis=1).min() > self._edge + self._reach + spare:
+        close = np.linalg.norm(shape.vertices - place, axis=1) < self._edge + self._reach + spare
+        if not close.any():
             return False
-        away = np.linalg.norm(nearest_points(shape, place) - place, axis=1).min()
+        corners = shape.vertices[shape.facets[close[shape.facets].any(axis=1)]]
+        away = np.linalg.norm(nearest_points(corners, place) - place, axis=1).min()
         return bool(away < self._reach + spare)
 
     def fly(self, simulator: Simulator, latest: float) -> None:
@@ -186,7 +188,7 @@ class TouchMotion:
         momentum, thrust_torque = axes.T @ state[wheels], given("torque")
         for k in range(looks):
             rate = plant.GetOutputPort("angular_velocity").Eval(inside)
-            torque = thrust_torque - axes.T @ motors - np.cross(rate, momentum)
+            torque = thrust_torque - axes.T @ motors - cross_matrix(rate) @ momentum
             plant.GetInputPort("torque").FixValue(inside, torque)
             contact.AdvanceTo(begun + (k + 1) * self._period / looks)
             momentum = momentum + axes.T @ motors * self._period / looks

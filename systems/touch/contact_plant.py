@@ -58,6 +58,7 @@ from proxops.systems.common import (
     check_inertia,
     check_positive,
     config,
+    cross_matrix,
     kernel,
     number,
     rotation_matrix,
@@ -140,7 +141,7 @@ def inertia_without_head(craft: TouchCraft) -> Matrix3:
 
 def patch_of(shape: Surface, position: Vector3, radius: float) -> Surface:
     """The facets of a surface that come within a radius in m of a position (3,) in m."""
-    away = np.linalg.norm(nearest_points(shape, position) - position, axis=1)
+    away = np.linalg.norm(nearest_points(shape.vertices[shape.facets], position) - position, axis=1)
     chosen = shape.facets[away <= radius]
     used, numbers = np.unique(chosen, return_inverse=True)
     return Surface(shape.vertices[used], numbers.reshape(-1, 3), shape.name)
@@ -371,7 +372,7 @@ class _FrameForces(LeafSystem):
         ):
             motion = velocities[body.number]
             rate = motion.rotational()
-            velocity = motion.translational() + np.cross(rate, arm)
+            velocity = motion.translational() + cross_matrix(rate) @ arm
             inertia = turn @ body.inertia @ turn.T
             moment, push = frame_wrench(body.mass, inertia, place, velocity, rate, spin, change)
             force = SpatialForce(moment, push + body.mass * pull)

@@ -37,6 +37,7 @@ from proxops.systems.expert import Reference, condensed_motion
 from proxops.systems.gravity import Field
 from proxops.systems.rotation import SpinModel
 from proxops.systems.touch.sites import tangents
+from proxops.systems.vehicle import believed_acceleration
 
 INTERVALS = 10
 """Of a leg's plan."""
@@ -49,6 +50,7 @@ _BROKEN = 1e-6
 _SIDES = 8
 # The shortest plan, over the time in which the speed of contact is approached.
 _SHORTEST = 4.0
+_ZERO = np.zeros(3)
 
 
 class TouchPhase(IntEnum):
@@ -221,18 +223,18 @@ class DescentGuidance:
         What exceeds the thrust limit is reduced along its direction, not axis by axis: away from
         the ground it must not push aside.
         """
-        spin = self.spin.angular_velocity(time)
         push = (velocity - state[3:]) / self.descent.settling_s
-        push = push - self.apparent_gravity(state[:3], time) + 2.0 * np.cross(spin, state[3:])
-        force = self.mass * push
+        force = self.mass * (push - self.natural_acceleration(state, time))
         return force * self.thrust / max(self.thrust, float(np.abs(force).max()))
 
     def apparent_gravity(self, position: Vector3, time: float) -> Vector3:
         """Gravity and the turning frame's acceleration at rest (3,) in m/s^2, as assumed."""
-        spin, change = self.spin.angular_velocity(time), self.spin.angular_acceleration(time)
-        pull = self.field.evaluate(position[None]).acceleration[0]
-        arm = np.cross(spin, np.cross(spin, position)) + np.cross(change, position)
-        return pull - arm
+        return self.natural_acceleration(np.concatenate([position, _ZERO]), time)
+
+    def natural_acceleration(self, state: State, time: float) -> Vector3:
+        """The acceleration (3,) in m/s^2 without thrust, as assumed."""
+        pull = self.field.evaluate(state[None, :3]).acceleration[0]
+        return believed_acceleration(state, pull, _ZERO, self.mass, self.spin, time)
 
     def plan(
         self, state: State, target: State, duration: float, time: float

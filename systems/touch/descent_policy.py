@@ -58,11 +58,9 @@ def descent_inputs(
     speed, spin = descent.speed_m_s, guidance.spin.angular_velocity(time)
     length = speed * duration
 
-    def natural(at: State) -> Vector3:
-        appearing = 2.0 * np.cross(spin, at[3:])
-        return (guidance.apparent_gravity(at[:3], time) - appearing) * duration / speed
-
-    here, there = natural(state), natural(target)
+    here, there = (
+        guidance.natural_acceleration(at, time) * duration / speed for at in (state, target)
+    )
     way, velocity, faster = (
         (target[:3] - state[:3]) / length, state[3:] / speed, (target - state)[3:] / speed
     )  # fmt: skip

@@ -356,9 +356,7 @@ class Mission:
     def _reckoned(self, state: State, force: Vector3, time: float) -> State:
         """The state (6,) a period later, for steps at which the navigation has none."""
         guidance, step = self.guidance, self.period
-        spin = guidance.spin.angular_velocity(time)
-        push = guidance.apparent_gravity(state[:3], time) - 2.0 * np.cross(spin, state[3:])
-        push = push + force / guidance.mass
+        push = guidance.natural_acceleration(state, time) + force / guidance.mass
         place = state[:3] + step * state[3:] + 0.5 * step**2 * push
         return np.concatenate([place, state[3:] + step * push])
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proxops.systems.common import InputError, Values, Vector3, Vectors3, config, number
-from proxops.systems.shapes import Polyhedron, Surface, ray_caster
+from proxops.systems.shapes import Polyhedron, ray_caster
 
 # Points of the disc; and rays along the cone of the free way, on rings of these shares of its
 # half-angle.
@@ -283,7 +283,7 @@ def place_near(shape: Polyhedron, position: Vector3, tolerance: float) -> tuple[
     Raises:
       InputError: it is farther away than a tolerance in m; the message gives it.
     """
-    points = nearest_points(shape, position)
+    points = nearest_points(shape.vertices[shape.facets], position)
     away = np.linalg.norm(points - position, axis=1)
     facet = int(away.argmin())
     if away[facet] > tolerance:
@@ -294,9 +294,8 @@ def place_near(shape: Polyhedron, position: Vector3, tolerance: float) -> tuple[
     return points[facet], facet
 
 
-def nearest_points(shape: Surface, position: Vector3) -> Vectors3:
-    """Of each facet the point (F, 3) that is nearest to a position (3,)."""
+def nearest_points(corners: np.ndarray, position: Vector3) -> Vectors3:
+    """The nearest point (F, 3) of each facet, with corners (F, 3, 3), to a position (3,)."""
     import trimesh  # It is slow to import, so only when it is needed.
 
-    corners = shape.vertices[shape.facets]
     return trimesh.triangles.closest_point(corners, np.tile(position, (len(corners), 1)))
