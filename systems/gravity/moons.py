@@ -15,9 +15,12 @@ from proxops.systems.common import (
     FAR,
     LONG,
     Matrix3,
+    Vector,
     Vector3,
     config,
     number,
+    quaternion_inverse,
+    rotated,
     rotation_matrix,
     spread_directions,
 )
@@ -68,11 +71,11 @@ def moon_position(moon: MoonConfig, time: float, spin: SpinModel) -> Vector3:
 
     K turns as `spin` says. Kepler's equation is solved by Newton's method.
     """
-    return _position(_ELEMENTS(moon), time, spin).copy()
+    return np.array(_position(_ELEMENTS(moon), time, spin))
 
 
 @functools.lru_cache(maxsize=64)
-def _position(elements: tuple[float, ...], time: float, spin: SpinModel) -> Vector3:
+def _position(elements: tuple[float, ...], time: float, spin: SpinModel) -> Vector:
     """See `moon_position`: many systems ask for the same times."""
     semi_major_axis, period, e, start, *angles = elements
     mean = math.radians(start) + 2.0 * math.pi * time / period
@@ -85,7 +88,9 @@ def _position(elements: tuple[float, ...], time: float, spin: SpinModel) -> Vect
             break
     x = semi_major_axis * (math.cos(anomaly) - e)
     y = semi_major_axis * math.sqrt(1.0 - e * e) * math.sin(anomaly)
-    return rotation_matrix(spin.attitude(time)).T @ (_orbit_axes(*angles) @ [x, y, 0.0])
+    (a, b, _), (c, d, _), (f, g, _) = _orbit_axes(*angles).tolist()
+    place = a * x + b * y, c * x + d * y, f * x + g * y
+    return rotated(quaternion_inverse(spin.attitude(time)), place)
 
 
 @functools.lru_cache(maxsize=64)
@@ -181,9 +186,12 @@ def tide_of(mass: float, moon: Vector3, position: Vector3) -> Vector3:
     It is its pull at a position (3,) in m less its pull on the body, which falls freely towards it,
     too. `mass` is in kg, `moon` (3,) its place in m.
     """
-    away = moon - position
-    pull = away / np.linalg.norm(away) ** 3 - moon / np.linalg.norm(moon) ** 3
-    return GRAVITATIONAL_CONSTANT * mass * pull
+    # Number by number: several times a step in flight, where small arrays cost more than sums.
+    (a, b, c), (p, q, r) = moon.tolist(), position.tolist()
+    x, y, z = a - p, b - q, c - r
+    here = GRAVITATIONAL_CONSTANT * mass / (x * x + y * y + z * z) ** 1.5
+    there = GRAVITATIONAL_CONSTANT * mass / (a * a + b * b + c * c) ** 1.5
+    return np.array([here * x - there * a, here * y - there * b, here * z - there * c])
 
 
 def greatest_tide(

@@ -28,6 +28,7 @@ from proxops.systems.common import (
     quaternion_inverse,
     quaternion_of,
     quaternion_product,
+    rotated,
     rotation_matrix,
     vector,
 )
@@ -85,7 +86,7 @@ class SteadySpin:
 
     def __init__(self, rate: Sequence[float] | Vector3):
         """Takes the angular velocity (3,) in rad/s."""
-        self.rate = np.array(rate, dtype=np.float64)
+        self.rate = _read_only(np.array(rate, dtype=np.float64))
 
     @cached_property
     def about_z(self) -> bool:
@@ -94,6 +95,8 @@ class SteadySpin:
 
     def angular_velocity(self, times: float | np.ndarray) -> np.ndarray:
         """w (..., 3) in rad/s, in K, at times (...) in s."""
+        if not isinstance(times, np.ndarray):
+            return self.rate
         return np.broadcast_to(self.rate, (*np.shape(times), 3))
 
     def angular_acceleration(self, times: float | np.ndarray) -> np.ndarray:
@@ -136,6 +139,12 @@ class _Motion(NamedTuple):
     """The argument of the elliptic functions is start + frequency t."""
     parameter: float
     """m."""
+
+    def rates(self, times: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """w in rad/s along each axis of P, at times in s."""
+        first, second, third = self.amplitudes
+        sn, cn, dn, _ = ellipj(self.start + self.frequency * times, self.parameter)
+        return first * cn, second * sn, third * dn
 
 
 class TorqueFreeSpin:
@@ -201,35 +210,30 @@ class TorqueFreeSpin:
 
     def angular_velocity(self, times: float | np.ndarray) -> np.ndarray:
         """w (..., 3) in rad/s, in K, at times (...) in s."""
-        return self._velocity(times) if isinstance(times, np.ndarray) else self._velocity_at(times)
+        if not isinstance(times, np.ndarray):
+            return self._turning(times)[0]
+        motion = self._motion
+        if motion is None:
+            return np.broadcast_to(self.rate, (*times.shape, 3))
+        return np.stack(motion.rates(times), axis=-1) @ rotation_matrix(motion.axes).T
 
     def angular_acceleration(self, times: float | np.ndarray) -> np.ndarray:
         """The derivative of w (..., 3) in rad/s^2, in K, at times (...) in s: -I^-1 (w x I w)."""
-        if isinstance(times, np.ndarray):
-            return self._acceleration(times)
-        return self._acceleration_at(times)
+        if not isinstance(times, np.ndarray):
+            return self._turning(times)[1]
+        rates = self.angular_velocity(times)
+        return -np.cross(rates, rates @ self.inertia) @ self._inverse
 
     # Many systems ask for the same times.
     @functools.lru_cache(maxsize=_RECENT)  # noqa: B019 (a flight has one or two models)
-    def _velocity_at(self, time: float) -> np.ndarray:
-        return _read_only(self._velocity(time))
-
-    @functools.lru_cache(maxsize=_RECENT)  # noqa: B019
-    def _acceleration_at(self, time: float) -> np.ndarray:
-        return _read_only(self._acceleration(time))
-
-    def _velocity(self, times: float | np.ndarray) -> np.ndarray:
-        motion = self._motion
-        if motion is None:
-            return np.broadcast_to(self.rate, (*np.shape(times), 3))
-        sn, cn, dn, _ = ellipj(motion.start + motion.frequency * times, motion.parameter)
-        first, second, third = motion.amplitudes
-        rates = np.stack([first * cn, second * sn, third * dn], axis=-1)
-        return rates @ rotation_matrix(motion.axes).T
-
-    def _acceleration(self, times: float | np.ndarray) -> np.ndarray:
-        rates = self.angular_velocity(times)
-        return -np.cross(rates, rates @ self.inertia) @ self._inverse
+    def _turning(self, time: float) -> tuple[Vector3, Vector3]:
+        """w and its derivative at a time in s."""
+        w, motion = self.rate, self._motion
+        if motion is not None:
+            x, y, z = map(float, motion.rates(time))
+            w = np.array(rotated(motion.axes, (x, y, z)))
+        change = -self._inverse @ (cross_matrix(w) @ (self.inertia @ w))
+        return _read_only(w), _read_only(change)
 
     @cached_property
     def period(self) -> float:
