@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import LeafSystem, ValueProducer
 
 from proxops.systems.common import (
     FAR,
@@ -218,7 +219,12 @@ class Sunlight(LeafSystem):
             depends.add(self._mass_port.ticket())
         if facets is not None:
             self._attitude_port = self.DeclareVectorInputPort("attitude", 4)
-            depends.add(self._attitude_port.ticket())
+            self._light = self.DeclareCacheEntry(
+                "light",
+                ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_light),
+                {self.time_ticket(), self._attitude_port.ticket(), self.xd_ticket()},
+            )
+            depends.add(self._light.ticket())
         self.DeclareVectorOutputPort(
             "acceleration",
             3,
@@ -235,8 +241,8 @@ class Sunlight(LeafSystem):
             self.DeclareVectorOutputPort(
                 "torque",
                 3,
-                lambda context, output: output.SetFromVector(self._on_facets(context)[1]),
-                {self.time_ticket(), self._attitude_port.ticket(), self.xd_ticket()},
+                lambda context, output: output.SetFromVector(self._light.Eval(context)[1]),
+                {self._light.ticket()},
             )
         shadow = self.DeclareDiscreteState(1)
         self.DeclarePeriodicDiscreteUpdateEvent(
@@ -253,16 +259,17 @@ class Sunlight(LeafSystem):
         place, direction = self._position_port.Eval(context), self.direction(context.get_time())
         return in_shadow(self.shape, place[None], np.array([direction])).astype(float)
 
-    def _on_facets(self, context) -> tuple[Vector3, Vector3]:
+    def _calc_light(self, context, value):
         """Force (3,) in N, along the axes of K, and torque (3,) in N m, in S."""
         if context.get_discrete_state_vector()[0]:
-            return np.zeros(3), np.zeros(3)
+            value.set_value((np.zeros(3), np.zeros(3)))
+            return
         assert self.facets is not None
         turn = rotation_matrix(self._attitude_port.Eval(context))
         direction = turn.T @ self.direction(context.get_time())
         force, torque = light_on_facets(self.facets, direction)
         pressure = light_pressure(self.settings)
-        return pressure * (turn @ force), pressure * torque
+        value.set_value((pressure * (turn @ force), pressure * torque))
 
     def _acceleration(self, context) -> Vector:
         # Number by number, as in `rotating_frame_acceleration`: seven times a step in flight.
@@ -272,7 +279,7 @@ class Sunlight(LeafSystem):
         tide = solar_tide((x - p, y - q, z - r), direction, self.settings.distance_au)
         if self.facets is not None:
             mass = self._mass_port.Eval(context)[0] if self.mass is None else self.mass
-            force = self._on_facets(context)[0] / float(mass)
+            force = self._light.Eval(context)[0] / float(mass)
             return tuple((force + tide).tolist())
         push = 0.0
         if not context.get_discrete_state_vector()[0]:
