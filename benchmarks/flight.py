@@ -122,7 +122,7 @@ def print_sky(count: int) -> None:
                         times[index, k] = (time.process_time() - started) / span
                 plain, all_of_it = 1e3 * times[1:].mean(axis=0)
                 lines[controller] += [f"{all_of_it:.2f}", f"{all_of_it / plain:.2f} x"]
-    headings = "point (ms/s)", "over a steady spin", "smallsat (ms/s)", "over a steady spin"
+    headings = "point (ms/s)", "over without", "smallsat (ms/s)", "over without"
     Shown("ms for each second flown: tumbling, two moons, sunlight", headings, lines).show()
 
 

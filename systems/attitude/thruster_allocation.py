@@ -105,8 +105,7 @@ class AllocationProgram:
         From one attitude step to the next a basis remains 98 times in 100, and this takes a
         twentieth of what a solver takes.
         """
-        known = basis, balance, self._matrix, self._cost, self._upper
-        x = _by_basis(*known)
+        x = _by_basis(basis, balance, self._matrix, self._cost, self._upper)
         return None if np.isnan(x[0]) else x
 
 
@@ -156,7 +155,7 @@ def _by_basis(basis, balance, matrix, cost, upper):
     prices = np.zeros(6)
     for i in range(6):
         value = work[i, 6]
-        if value < -_ROUNDING or value > upper[inside[i]] + _ROUNDING:
+        if not -_ROUNDING <= value <= upper[inside[i]] + _ROUNDING:  # Nor NaN.
             return none
         x[inside[i]] = value
         for j in range(6):
