@@ -372,7 +372,10 @@ def _join_shells(mesh: Repair, cuts: np.ndarray) -> bool:
 
 
 def united(solids: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) and facets (F, 3) of what at least one of some closed meshes holds."""
+    """Vertices (V, 3) and facets (F, 3) of what at least one of some closed meshes holds.
+
+    Where meshes cut each other some facets may come out without area: their long edges are flipped.
+    """
     import manifold3d  # Only here.
 
     parts = [
@@ -382,7 +385,11 @@ def united(solids: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray,
     joined = manifold3d.Manifold.batch_boolean(
         [manifold3d.Manifold(part) for part in parts], manifold3d.OpType.Add
     ).to_mesh64()
-    return np.array(joined.vert_properties[:, :3]), np.array(joined.tri_verts, dtype=np.int64)
+    mesh = Repair(
+        np.array(joined.vert_properties[:, :3]), np.array(joined.tri_verts, dtype=np.int64)
+    )
+    _flip_flat_facets(mesh)
+    return mesh.vertices, mesh.facets
 
 
 def _collapse_short_edges(mesh: Repair) -> None:

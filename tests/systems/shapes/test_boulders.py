@@ -83,3 +83,10 @@ def test_a_lone_boulder_lies_where_it_is_asked_for() -> None:
     assert found.volume - BALL.volume == pytest.approx(cap, rel=0.1)
     with pytest.raises(InputError, match=r"lone_at_m: .* has no surface"):
         with_lone_boulder(BALL, 2.0, np.zeros(3))
+
+
+def test_lone_boulders_leave_no_facets_without_area() -> None:
+    """As where a ball meets facets, one in twenty places."""
+    for way in np.random.default_rng(1).standard_normal((60, 3)):
+        found = with_lone_boulder(BALL, 2.0, way)
+        assert find_defects(found.vertices, found.facets) == []
