@@ -4,8 +4,19 @@ import numpy as np
 import pytest
 import trimesh
 from even_field import EvenField
+from pydrake.geometry import AddContactMaterial, HalfSpace, ProximityProperties, Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel, CoulombFriction
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    PrismaticJoint,
+    PrismaticSpring,
+    SpatialInertia,
+    UnitInertia,
+)
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from scipy.integrate import solve_ivp
 
 from proxops.diagrams.scenario import load_body
@@ -95,6 +106,46 @@ def test_half_the_step() -> None:
         state, arm = rows(diagram, simulator, 4.0, "state", "arm")
         found.append([arm[:, 0].max(), *state[-1, 3:]])
     np.testing.assert_allclose(found[0], found[1], atol=5e-4)
+
+
+def test_point_contact_on_a_half_space() -> None:
+    """A plant with neither meshes nor hydroelastic contact, in a tenth of the step."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.001)
+    plant.set_contact_model(ContactModel.kPoint)
+    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    material = ProximityProperties()
+    friction = CoulombFriction(0.5, 0.5)
+    AddContactMaterial(1.0, 1e5, friction, material)
+    world, at_rest = plant.world_body(), RigidTransform(3.0 * DOWN)
+    plant.RegisterCollisionGeometry(world, RigidTransform(), HalfSpace(), "ground", material)
+    ball = UnitInertia.SolidSphere(0.16)
+    # What is left for the bus: the head's own share of the whole is that of a ball 3 m away.
+    own = ball.get_moments() + [9.0, 9.0, 0.0]
+    rest = UnitInertia(*(([1200.0, 1250.0, 1300.0] - 15.0 * own) / 1000.0))
+    bus = plant.AddRigidBody("bus", SpatialInertia(1000.0, -0.015 * 3.0 * DOWN, rest))
+    head = plant.AddRigidBody("head", SpatialInertia(15.0, np.zeros(3), ball))
+    root = plant.AddFrame(FixedOffsetFrame("root", bus.body_frame(), at_rest))
+    arm = plant.AddJoint(PrismaticJoint("arm", root, head.body_frame(), -DOWN, damping=200.0))
+    plant.AddForceElement(PrismaticSpring(arm, 0.0, 1100.0))
+    plant.RegisterCollisionGeometry(head, RigidTransform(), Sphere(0.16), "head", material)
+    plant.Finalize()
+    simulator = Simulator(builder.Build())
+    inside = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    start = np.array([0.0, 0.0, 3.18, 0.02, 0.0, -0.1])
+    plant.SetFreeBodyPose(inside, bus, RigidTransform(start[:3]))
+    plant.SetFreeBodySpatialVelocity(inside, bus, SpatialVelocity(STILL, start[3:]))
+    strokes = []
+    for time in np.arange(1, 401) * 0.01:
+        simulator.AdvanceTo(time)
+        strokes.append(arm.get_translation(inside))
+    motion = plant.EvalBodySpatialVelocityInWorld(inside, bus)
+    diagram = make_contact_plant(flat(), EvenField(), 0.0, craft(False), Ground(modulus_pa=1e7))
+    own_simulator, _ = started(diagram, start)
+    state, rate, stroke = rows(diagram, own_simulator, 4.0, "state", "angular_velocity", "arm")
+    np.testing.assert_allclose(stroke[:, 0], strokes, atol=1.5e-3)
+    np.testing.assert_allclose(state[-1, 3:], motion.translational(), rtol=0.01, atol=1e-5)
+    np.testing.assert_allclose(rate[-1], motion.rotational(), rtol=0.01, atol=1e-5)
 
 
 @pytest.mark.parametrize(("tilt", "rolls"), [(20.0, True), (75.0, False)])
