@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.perception import PointCloud
 
 from proxops.systems.common import Matrix3, SeededSystem, Values, Vector3, Vectors3, rotation_matrix
 from proxops.systems.lidar.lidar_errors import (
@@ -14,6 +15,9 @@ from proxops.systems.lidar.lidar_errors import (
     received_ranges,
 )
 from proxops.systems.lidar.lidar_geometry import LidarGeometry
+
+if TYPE_CHECKING:
+    from pydrake.perception import PointCloud
 
 
 def turned(directions: np.ndarray, rotation: np.ndarray | None) -> np.ndarray:
@@ -47,7 +51,7 @@ class PlanarLidar(SeededSystem):
         )
         self.DeclareAbstractOutputPort(
             "point_cloud",
-            lambda: AbstractValue.Make(PointCloud(0)),
+            lambda: AbstractValue.Make(point_cloud(np.zeros(0), np.zeros((0, 3)))),
             self._calc_point_cloud,
             depends,
         )
@@ -109,6 +113,8 @@ class PlanarLidar(SeededSystem):
 
 def point_cloud(ranges: Values, directions: Vectors3) -> PointCloud:
     """The points in m of the rays that returned, from ranges (R,) and directions (R, 3)."""
+    from pydrake.perception import PointCloud  # Slow to import.
+
     hits = np.isfinite(ranges)
     points = ranges[hits, None] * directions[hits]
     cloud = PointCloud(len(points))

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, RigidBody
-from pydrake.perception import PointCloud
 from pydrake.systems.framework import LeafSystem
 
 from proxops.systems.common import InputError, SeededSystem, check_type
@@ -23,6 +21,9 @@ from proxops.systems.lidar.lidar_errors import (
 )
 from proxops.systems.lidar.planar_lidar import point_cloud
 from proxops.systems.shapes import RayCaster, Surface
+
+if TYPE_CHECKING:
+    from pydrake.multibody.tree import Frame, RigidBody
 
 
 class SceneLidar(SeededSystem):
@@ -102,7 +103,7 @@ class SceneLidar(SeededSystem):
         )
         self.DeclareAbstractOutputPort(
             "point_cloud",
-            lambda: AbstractValue.Make(PointCloud(0)),
+            lambda: AbstractValue.Make(point_cloud(np.zeros(0), np.zeros((0, 3)))),
             self._calc_point_cloud,
             depends,
         )
@@ -166,6 +167,10 @@ class BodyPose(LeafSystem):
         Raises:
           InputError: it is neither; an index of a body or of a frame is not enough.
         """
+        # Slow to import, for this alone.
+        from pydrake.multibody.plant import MultibodyPlant
+        from pydrake.multibody.tree import Frame, RigidBody
+
         super().__init__()
         check_type("BodyPose", RigidBody, Frame, frame=frame)
         frame = frame.body_frame() if isinstance(frame, RigidBody) else frame

@@ -7,13 +7,11 @@ Rows are copied by loops: slices on the left take numba seconds to compile, and 
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import get_blas_funcs, get_lapack_funcs
+import scipy  # Its parts are imported when they are used.
 
 from proxops.systems.common import kernel
 
 _compiled = kernel(error_model="numpy")
-(_solved,) = get_lapack_funcs(("gesv",), dtype=np.float64)
-(_product,) = get_blas_funcs(("gemm",), dtype=np.float64)
 
 
 class Gate(NamedTuple):
@@ -148,13 +146,14 @@ def update(covariance, columns, rows, innovations, variances):
     if not places.size:
         return Update(np.zeros(len(covariance)), covariance.copy(), squares)
     # BLAS takes columns: of arrays by rows it makes the transposed product.
-    left = _product(1.0, to_all[:, places].T, information.T).T
-    known = _product(1.0, to_all.T, information.T).T
+    product = scipy.linalg.blas.dgemm
+    left = product(1.0, to_all[:, places].T, information.T).T
+    known = product(1.0, to_all.T, information.T).T
     left.flat[:: len(left) + 1] += 1.0  # On the diagonal.
-    *_, solution, failed = _solved(left, np.column_stack([vector, known]))
+    *_, solution, failed = scipy.linalg.lapack.dgesv(left, np.column_stack([vector, known]))
     if failed:
         raise np.linalg.LinAlgError("the information of the residuals has no inverse")
-    both = _product(1.0, solution, to_all.T, trans_a=1, trans_b=1).T
+    both = product(1.0, solution, to_all.T, trans_a=1, trans_b=1).T
     return _subtracted(covariance, live, both, squares, vector, places)
 
 

@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import get_blas_funcs, get_lapack_funcs
+import scipy  # Its parts are imported when they are used.
 
 from proxops.systems.navigation import _update_kernel as kernel
 from proxops.systems.navigation._motion_kernel import turned
@@ -26,8 +26,6 @@ _CLOSE, _USUAL, _MOST_ITERATIONS = 0.3, 160, 8
 # say little more.
 ENOUGH = 240
 _POSE = np.r_[POSITION, ATTITUDE]
-(_cholesky,) = get_lapack_funcs(("potrf",), dtype=np.float64)
-(_solved_triangle,) = get_blas_funcs(("trsm",), dtype=np.float64)
 
 
 class Correction(NamedTuple):
@@ -124,11 +122,11 @@ def _by_returns(
     # The triangular solvers of LAPACK and BLAS: scipy's checks take as long as these matrices.
     total = cross_covariance[:, columns] @ rows.T
     total.flat[:: len(total) + 1] += variances  # On the diagonal.
-    factor, failed = _cholesky(total.T, lower=1, clean=0, overwrite_a=1)
+    factor, failed = scipy.linalg.lapack.dpotrf(total.T, lower=1, clean=0, overwrite_a=1)
     if failed:
         raise np.linalg.LinAlgError("the covariance of the residuals is not positive definite")
     both = np.column_stack([cross_covariance, innovations])
-    white = _solved_triangle(1.0, factor, both.T, side=1, lower=1, trans_a=1, overwrite_b=1)
+    white = scipy.linalg.blas.dtrsm(1.0, factor, both.T, side=1, lower=1, trans_a=1, overwrite_b=1)
     learned, innovations = white[:-1], white[-1]
     after = covariance - learned @ learned.T
     return kernel.Update(learned @ innovations, after, float(innovations @ innovations))

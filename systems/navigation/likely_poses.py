@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # Its parts are imported when they are used.
 
 from proxops.systems.navigation._motion_kernel import turned
 from proxops.systems.navigation.frame_model import FrameModel
@@ -97,7 +97,7 @@ class Sight:
 
     def _lowered(self, poses: np.ndarray) -> np.ndarray:
         """Poses that are moved along the nearest ray until the map predicts its range."""
-        downs = Rotation.from_rotvec(poses[:, 3:]).apply(self._down)
+        downs = scipy.spatial.transform.Rotation.from_rotvec(poses[:, 3:]).apply(self._down)
         heights = self._model.distances(poses[:, :3], downs)
         below = heights < np.inf
         poses = poses[below]
@@ -111,7 +111,7 @@ class Sight:
           far: error, over the body's length, from which a ray counts as one.
         """
         rays = len(self._directions)
-        turns = Rotation.from_rotvec(poses[:, 3:]).as_matrix()
+        turns = scipy.spatial.transform.Rotation.from_rotvec(poses[:, 3:]).as_matrix()
         directions = self._directions @ turns.transpose(0, 2, 1)
         found = self._model.distances(
             np.repeat(poses[:, :3], rays, axis=0), directions.reshape(-1, 3)

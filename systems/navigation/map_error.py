@@ -7,7 +7,7 @@ import functools
 import math
 
 import numpy as np
-import scipy.linalg
+import scipy  # Its parts are imported when they are used.
 
 from proxops.systems.common import Values, one_thread
 from proxops.systems.navigation.relief import PATTERNS

@@ -17,7 +17,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # Its parts are imported when they are used.
 
 from proxops.systems.common import Matrix3, one_thread
 from proxops.systems.navigation.acquisition import FEWEST, Acquired, acquire, outlier_share
@@ -335,4 +335,4 @@ def _way_to(pose: Acquired, prior: Estimate) -> np.ndarray:
 
 def _turn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The rotation vector (3,) in K from one attitude R_KS (3, 3) to another."""
-    return Rotation.from_matrix(after @ before.T).as_rotvec()
+    return scipy.spatial.transform.Rotation.from_matrix(after @ before.T).as_rotvec()

@@ -14,8 +14,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
-from scipy.special import ellipj, ellipk, ellipkinc, elliprj
+import scipy  # Its parts are imported when they are used.
 
 from proxops.systems.common import (
     InputError,
@@ -143,7 +142,7 @@ class _Motion(NamedTuple):
     def rates(self, times: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """w in rad/s along each axis of P, at times in s."""
         first, second, third = self.amplitudes
-        sn, cn, dn, _ = ellipj(self.start + self.frequency * times, self.parameter)
+        sn, cn, dn, _ = scipy.special.ellipj(self.start + self.frequency * times, self.parameter)
         return first * cn, second * sn, third * dn
 
 
@@ -202,9 +201,13 @@ class TorqueFreeSpin:
         )
         m = across * a * (b - a) / (along * c * (c - b)) if along else 1.0
         m = min(m, _GREATEST_PARAMETER)
-        start = float(ellipkinc(math.atan2(y / second, x / first), m)) if first > 0.0 else 0.0
+        start = (
+            float(scipy.special.ellipkinc(math.atan2(y / second, x / first), m))
+            if first > 0.0
+            else 0.0
+        )
         frequency = math.copysign(math.sqrt((c - b) * along / (a * b)), (c - b) * z)
-        i, j, k, real = Rotation.from_matrix(axes).as_quat().tolist()
+        i, j, k, real = scipy.spatial.transform.Rotation.from_matrix(axes).as_quat().tolist()
         amplitudes = (first, second, third)
         return _Motion((real, i, j, k), (a, b, c), amplitudes, size, frequency, start, m)
 
@@ -241,7 +244,7 @@ class TorqueFreeSpin:
         motion = self._motion
         if motion is None:
             return math.inf
-        return 4.0 * float(ellipk(motion.parameter)) / abs(motion.frequency)
+        return 4.0 * float(scipy.special.ellipk(motion.parameter)) / abs(motion.frequency)
 
     @functools.lru_cache(maxsize=_RECENT)  # noqa: B019
     def attitude(self, time: float) -> Quaternion:
@@ -316,7 +319,7 @@ def spin_model(spin: Spin) -> SpinModel:
 def _against_momentum(motion: _Motion, time: float) -> Quaternion:
     """R_JK: z of J lies along L, and axis 1 has gone round it by phi since time 0."""
     sn, cn, dn, amplitude = map(
-        float, ellipj(motion.start + motion.frequency * time, motion.parameter)
+        float, scipy.special.ellipj(motion.start + motion.frequency * time, motion.parameter)
     )
     along = (cn, sn, dn)
     x, y, z = (i * w * f for i, w, f in zip(motion.moments, motion.amplitudes, along, strict=True))
@@ -343,7 +346,8 @@ def _precession(motion: _Motion, time: float, amplitude: float) -> float:
 @functools.lru_cache(maxsize=8)
 def _begun(motion: _Motion, d: float) -> float:
     """What `_third_kind` is at time 0."""
-    return _third_kind(float(ellipj(motion.start, motion.parameter)[3]), motion.parameter, d)
+    delta = scipy.special.ellipj(motion.start, motion.parameter)[3]
+    return _third_kind(float(delta), motion.parameter, d)
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:
@@ -359,6 +363,8 @@ def _third_kind(amplitude: float, m: float, d: float) -> float:
     halves = round(amplitude / math.pi)
     rest = amplitude - math.pi * halves
     square = math.sin(rest) ** 2
-    part = elliprj(1.0 - square, 1.0 - m * square, 1.0, 1.0 + d * square)
-    whole = 2.0 * halves * float(elliprj(0.0, 1.0 - m, 1.0, 1.0 + d)) if halves else 0.0
+    part = scipy.special.elliprj(1.0 - square, 1.0 - m * square, 1.0, 1.0 + d * square)
+    whole = (
+        2.0 * halves * float(scipy.special.elliprj(0.0, 1.0 - m, 1.0, 1.0 + d)) if halves else 0.0
+    )
     return (math.sin(rest) ** 3 * float(part) + whole) / 3.0

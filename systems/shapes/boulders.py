@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # Its parts are imported when they are used.
 
 from proxops.systems.common import (
     FAR,
@@ -117,7 +117,7 @@ def with_boulders(shape: Polyhedron, boulders: BouldersConfig) -> Polyhedron:
         )
     fine = _finer(shape, boulders.narrowest_m / _EDGES)
     normals, weights = vertex_normals(fine)
-    rng, tree = generator(boulders.seed, 0), KDTree(fine.vertices)
+    rng, tree = generator(boulders.seed, 0), scipy.spatial.KDTree(fine.vertices)
     heights = np.zeros(len(weights))
     for widest, index, height in (
         (boulders.crater_widest_m, boulders.crater_index, -DEPTH),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # Its parts are imported when they are used.
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
-from scipy.spatial import ConvexHull
 
 from proxops.systems.common import InputError, Vector3, Vectors3
 
@@ -62,7 +62,7 @@ def smallest_ellipsoid(points: Vectors3, margin: float = 0.0) -> EnclosingEllips
     # images contains all points.
     folded = np.abs(points / reach)
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-    hull = ConvexHull((folded[:, None] * signs).reshape(-1, 3)).vertices
+    hull = scipy.spatial.ConvexHull((folded[:, None] * signs).reshape(-1, 3)).vertices
     squares = folded[np.unique(hull // len(signs))] ** 2
     program = MathematicalProgram()
     w = program.NewContinuousVariables(3, "w")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # Its parts are imported when they are used.
 
 from proxops.systems.common import InputError, Vector3, Vectors3
 from proxops.systems.shapes._hole_filling import boundary_loops, triangulate_loop
@@ -129,7 +129,7 @@ def repair_mesh(
 
 def _weld(mesh: Repair) -> None:
     reach = WELD * np.ptp(mesh.vertices, axis=0).max()
-    pairs = KDTree(mesh.vertices).query_pairs(reach, output_type="ndarray")
+    pairs = scipy.spatial.KDTree(mesh.vertices).query_pairs(reach, output_type="ndarray")
     if not len(pairs):
         return
     count = len(mesh.vertices)

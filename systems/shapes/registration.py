@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
+import scipy  # Its parts are imported when they are used.
 
 from proxops.systems.common import InputError, one_thread
 from proxops.systems.shapes.displacement import rigid_motions
@@ -38,7 +37,7 @@ def registered(mesh: Polyhedron, onto: Polyhedron) -> Polyhedron:
     Raises:
       InputError: the two surfaces are so different that no place is found.
     """
-    tree = KDTree(onto.vertices[onto.facets].mean(axis=1))
+    tree = scipy.spatial.KDTree(onto.vertices[onto.facets].mean(axis=1))
     size, middle = onto.extents.max(), onto.centre_of_mass
     facets = mesh.facets[:: -(-len(mesh.facets) // _ENOUGH)]
     root = np.sqrt(areas(mesh.vertices, facets))
@@ -54,7 +53,7 @@ def registered(mesh: Polyhedron, onto: Polyhedron) -> Polyhedron:
             return Polyhedron(best, mesh.facets, mesh.name)
         rows = rigid_motions(points, normals, middle, size)
         fit, *_ = np.linalg.lstsq(rows * root[:, None], -heights * root)
-        turn = Rotation.from_rotvec(fit[3:] / size)
+        turn = scipy.spatial.transform.Rotation.from_rotvec(fit[3:] / size)
         vertices = middle + turn.apply(vertices - middle) + fit[:3]
         if np.linalg.norm(fit) < _SMALL * size:
             return Polyhedron(vertices, mesh.facets, mesh.name)
@@ -66,12 +65,12 @@ def registered(mesh: Polyhedron, onto: Polyhedron) -> Polyhedron:
 
 def greatest_gap(mesh: Polyhedron, onto: Polyhedron) -> float:
     """The greatest distance in m of a mesh's vertices from another mesh of the body."""
-    tree = KDTree(onto.vertices[onto.facets].mean(axis=1))
+    tree = scipy.spatial.KDTree(onto.vertices[onto.facets].mean(axis=1))
     return float(_nearest_facets(onto, tree, mesh.vertices)[1].max())
 
 
 def _nearest_planes(
-    onto: Polyhedron, tree: KDTree, points: np.ndarray
+    onto: Polyhedron, tree: scipy.spatial.KDTree, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The normal (N, 3) of the facet nearest to each point, and the height (N,) over its plane."""
     nearest, _ = _nearest_facets(onto, tree, points)
@@ -81,7 +80,7 @@ def _nearest_planes(
 
 
 def _nearest_facets(
-    onto: Polyhedron, tree: KDTree, points: np.ndarray
+    onto: Polyhedron, tree: scipy.spatial.KDTree, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The facet (N,) nearest to each point, and the distance (N,) of it."""
     import trimesh  # It is slow to import, so only when it is needed.
