@@ -14,9 +14,6 @@ import typing
 from collections.abc import Callable, Generator
 from pathlib import Path
 
-import numba
-from numba.core import config, event
-
 from proxops.systems.common.progress import Progress
 from proxops.systems.common.user_folders import cache_folder
 
@@ -44,16 +41,44 @@ def kernel(function: Callable[..., typing.Any] | None = None, **options: typing.
     if function is None:
         return functools.partial(kernel, **options)
     _names.append(function.__name__)
-    folder = _folder(function.__code__.co_filename)
-    # numba asks for its folder when the function is decorated. Other functions keep theirs.
-    before = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
-    try:
-        config.CACHE_DIR = str(folder or "")  # pyright: ignore[reportAttributeAccessIssue]
-        # Nothing calls a kernel from C, and the wrapper for it takes time to compile.
-        options |= {"cache": folder is not None, "no_cfunc_wrapper": True}
-        return numba.njit(**options)(function)
-    finally:
-        config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
+    return functools.update_wrapper(_Kernel(function, options), function)
+
+
+class _Kernel:
+    """Stands for a compiled function, and imports numba when it is called: that takes long."""
+
+    def __init__(self, function: Callable[..., typing.Any], options: dict[str, typing.Any]):
+        self.py_func, self._options = function, options
+
+    def __call__(self, *args: typing.Any) -> typing.Any:
+        return self.dispatcher(*args)
+
+    @property
+    def _numba_type_(self) -> typing.Any:
+        """What other kernels, which may call this one, take it for."""
+        return self.dispatcher._numba_type_
+
+    @property
+    def stats(self) -> typing.Any:
+        """Where its machine code is kept, and how often it was found there."""
+        return self.dispatcher.stats
+
+    @functools.cached_property
+    def dispatcher(self) -> typing.Any:
+        """numba's own."""
+        import numba
+        from numba.core import config
+
+        folder = _folder(self.py_func.__code__.co_filename)
+        # numba asks for its folder when the function is decorated. Other functions keep theirs.
+        before = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
+        try:
+            config.CACHE_DIR = str(folder or "")  # pyright: ignore[reportAttributeAccessIssue]
+            # Nothing calls a kernel from C, and the wrapper for it takes time to compile.
+            self._options |= {"cache": folder is not None, "no_cfunc_wrapper": True}
+            return numba.njit(**self._options)(self.py_func)
+        finally:
+            config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @contextlib.contextmanager
@@ -62,38 +87,38 @@ def compiling_told(progress: Progress) -> Generator[None]:
 
     What is loaded from disk is not reported, nor is what a kernel needs of numba itself.
     """
-    listener = _CompilationListener(progress)
-    with event.install_listener("numba:compile", listener):
+    from numba.core import event
+
+    class Told(event.Listener):
+        count = 0
+
+        def on_start(self, event: event.Event) -> None:
+            if event.data is not None and (name := event.data["dispatcher"].__name__) in _names:
+                self.count += 1
+                share = min(1.0, self.count / len(_names))
+                progress(share, f"compiling {name}: {self.count} of at most {len(_names)}")
+
+        def on_end(self, event: event.Event) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Told()):
         yield
 
 
 @contextlib.contextmanager
 def compilation_timed() -> Generator[Callable[[], float]]:
     """Gives a function that tells for how long, in s, numba has compiled within the block."""
+    from numba.core import event
+
     with event.install_listener("numba:compile", event.TimingListener()) as found:
         yield lambda: found.duration if found.done else 0.0
-
-
-class _CompilationListener(event.Listener):
-    """Tells a `Progress` what numba compiles."""
-
-    def __init__(self, progress: Progress):
-        self._progress, self._count = progress, 0
-
-    def on_start(self, event: event.Event) -> None:
-        """Reports a kernel, before it is compiled."""
-        if event.data is not None and (name := event.data["dispatcher"].__name__) in _names:
-            self._count += 1
-            share = min(1.0, self._count / len(_names))
-            self._progress(share, f"compiling {name}: {self._count} of at most {len(_names)}")
-
-    def on_end(self, event: event.Event) -> None:
-        """Reports nothing."""
 
 
 @functools.cache
 def _folder(file: str) -> Path | None:
     """Makes the folder for the machine code of a file's kernels; None if it cannot be made."""
+    from numba.core import config
+
     given = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
     base = Path(given) / "proxops" if given else cache_folder("kernels")
     if base is None:

@@ -56,3 +56,10 @@ def test_what_is_slow_to_import_waits_until_it_is_needed() -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "[]\nFalse True\nFalse\n"
+
+
+def test_one_system_alone_needs_little() -> None:
+    slow = ["numba", "pydrake.multibody", "pydrake.perception", "scipy.linalg", "scipy.spatial"]
+    code = f"import sys, proxops.systems; print([x for x in {slow} if x in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "[]\n"
