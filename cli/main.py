@@ -136,6 +136,7 @@ def _find_folder_for_matplotlib() -> None:
 
 _INTERRUPTED = 130
 _LONGEST_MESSAGE = 2000
+_warned: set[str] = set()
 
 
 def main() -> None:
@@ -172,8 +173,12 @@ def _end(code: int, message: str) -> typing.NoReturn:
 
 
 def _warning(message: Warning | str, *_: object) -> str:
-    """A warning as a line for people, without the place in the code."""
-    return f"proxops: warning: {_one_line(str(message))}\n"
+    """A warning as a line for people, without the place in the code; nothing the second time."""
+    line = f"proxops: warning: {_one_line(str(message))}\n"
+    if line in _warned:
+        return ""
+    _warned.add(line)
+    return line
 
 
 def _one_line(message: str) -> str:

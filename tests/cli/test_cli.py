@@ -218,6 +218,8 @@ def test_a_warning_is_a_line(run, tmp_path: Path) -> None:
     assert line.startswith("proxops: warning: the scenario may exceed")
     assert line.count("\n") == 1
     assert line.endswith("gravity: declared up to 0.01, assurance.bounds say 0\n")
+    # Commands that draw a world twice warn once.
+    assert warnings.formatwarning(caught[0].message, UserWarning, "code.py", 1) == ""
 
 
 # --- what is refused ------------------------------------------------------------------------------
