@@ -404,6 +404,7 @@ def _touch(summary: dict[str, Any]) -> list[tuple[str, str]]:
     rates = [
         f"{summary[name]:.3f} deg/s" for name in ("touch_rate_deg_s", "touch_later_rate_deg_s")
     ]
+    energies = [f"{summary[name]:.2f} J" for name in ("touch_energy_j", "touch_energy_left_j")]
     return [
         *rows,
         ("touch", f"{summary['touch_time_s']:.0f} s, for {summary['touch_duration_s']:.1f} s"),
@@ -413,6 +414,7 @@ def _touch(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("rate at the touch and 10 s later", ", ".join(rates)),
         ("peak force on the head", f"{summary['touch_force_n']:.0f} N"),
         ("stroke of the arm", f"{100.0 * summary['touch_stroke_m']:.1f} cm"),
+        ("energy at the touch, and left", ", ".join(energies)),
         ("force on bus and panels", parts),
         ("came back to the ground", str(summary["touch_again"])),
         *([("descent flown by the policy", f"{share:.0%}")] if share else []),

@@ -35,6 +35,7 @@ from proxops.systems.touch import (
     DescentPolicy,
     Mission,
     TouchController,
+    contact_energy,
     make_contact_plant,
     nearest_points,
     patch_of,
@@ -87,7 +88,7 @@ def make_touch_controller(
 
 def add_touch(wiring: Wiring) -> Signals:
     """Adds what contact gives, which `TouchMotion` sets; returns what is known of it on board."""
-    record = wiring.add("contact_record", ConstantVectorSource(np.zeros(3)))
+    record = wiring.add("contact_record", ConstantVectorSource(np.zeros(4)))
     wiring.logged["contact_record"] = record.get_output_port()
     head = wiring.add("head_force", ConstantVectorSource(np.zeros(1)))
     return {"head_force": head.get_output_port()}
@@ -125,7 +126,7 @@ class TouchMotion:
         self._edge = float(np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2).max())
         self.rows: list[np.ndarray] = []
         """Of each look in contact: time, state (6), attitude (4), angular velocity (3), force on
-        the head, greatest on another part, stroke."""
+        the head, greatest on another part, stroke, energy: see `contact_energy`."""
 
     def near(self, context: Context, spare: float = 0.0) -> bool:
         """Whether the ground is within reach, and so much in m more."""
@@ -214,7 +215,7 @@ class TouchMotion:
 
     def _tell(self, context: Context, rows: list[np.ndarray]) -> None:
         """Tells the diagram the greatest of what contact gave in some looks."""
-        greatest = np.max([row[14:] for row in rows], axis=0) if rows else np.zeros(3)
+        greatest = np.max([row[14:] for row in rows], axis=0) if rows else np.zeros(4)
         for name, values in (("head_force", greatest[:1]), ("contact_record", greatest)):
             source = self._diagram.GetSubsystemByName(name)
             own = source.GetMyMutableContextFromRoot(context)
@@ -227,7 +228,7 @@ class TouchMotion:
 
 
 def _look(plant: Diagram, context: Context) -> np.ndarray:
-    """A row (17,) of `TouchMotion.rows`."""
+    """A row (18,) of `TouchMotion.rows`."""
 
     def read(name: str) -> np.ndarray:
         return plant.GetOutputPort(name).Eval(context)
@@ -237,7 +238,7 @@ def _look(plant: Diagram, context: Context) -> np.ndarray:
     return np.concatenate(
         [
             [context.get_time()], read("state"), read("attitude"), read("angular_velocity"),
-            [force, parts, read("arm")[0]],
+            [force, parts, read("arm")[0], contact_energy(plant, context)],
         ]
     )  # fmt: skip
 
@@ -248,9 +249,10 @@ def contact_figures(motion: TouchMotion, world: World) -> dict[str, float]:
     Of the first touch: time (s), miss (m, across the normal), speeds down and across (m/s), angle
     between arm and normal (degrees), rate against K (degrees/s). Of all: peak force on the head and
     on another part (N), stroke (m), duration (s), how often it came back to the ground more than a
-    second after it had left, and the rate 10 s after the first.
+    second after it had left, and the rate 10 s after the first. Energy (J) is that at the first
+    touch, and what is left of it at the end of that.
     """
-    rows = np.array(motion.rows).reshape(-1, 17)
+    rows = np.array(motion.rows).reshape(-1, 18)
     on = np.flatnonzero(rows[:, 14] > 0.0)
     parts = float(rows[:, 15].max()) if len(rows) else 0.0
     if not on.size:
@@ -267,6 +269,7 @@ def contact_figures(motion: TouchMotion, world: World) -> dict[str, float]:
         return float(np.degrees(np.linalg.norm(turned)))
 
     times = rows[on, 0]
+    left = rows[on[np.argmax(np.append(np.diff(times) > 1.0, True))]]
     return {
         "touch_time_s": float(first[0]),
         "touch_miss_m": float(np.linalg.norm(aside - (aside @ site.normal) * site.normal)),
@@ -278,6 +281,8 @@ def contact_figures(motion: TouchMotion, world: World) -> dict[str, float]:
         "touch_force_n": float(rows[:, 14].max()),
         "touch_parts_force_n": parts,
         "touch_stroke_m": float(rows[:, 16].max()),
+        "touch_energy_j": float(first[17]),
+        "touch_energy_left_j": float(left[17]),
         "touch_duration_s": float(times[-1] - times[0]),
         "touch_again": int((np.diff(times) > 1.0).sum()),
     }

@@ -142,6 +142,9 @@ VARIABLES = {
         "contact_force": Column((), "N", "greatest force on the head since the last control step"),
         "parts_force": Column((), "N", "greatest on anything but the head"),
         "arm_stroke": Column((), "m", "how far the arm was pressed in at most"),
+        "contact_energy": Column(
+            (), "J", "greatest of kinetic energy over the ground, with that of the arm's spring",
+        ),
     }),
     "estimate": Column(
         ("component",), _OF_A_STATE, "the policy's estimate of the state in K; NaN: none",

@@ -245,6 +245,13 @@ def place_craft(
     joint.set_translation_rate(inside, 0.0)
 
 
+def contact_energy(diagram: Diagram, context: Context) -> float:
+    """Kinetic energy over the ground, and that of the arm's spring, of a contact plant in J."""
+    plant = diagram.GetSubsystemByName("plant")
+    inside = plant.GetMyContextFromRoot(context)
+    return plant.EvalKineticEnergy(inside) + plant.EvalPotentialEnergy(inside)
+
+
 def _material(ground: Ground) -> ProximityProperties:
     properties = ProximityProperties()
     friction = CoulombFriction(ground.friction, ground.friction)

@@ -147,6 +147,11 @@ def test_down_touched_and_home(touched: FlightLog) -> None:
     stroke = found["touch_down_m_s"] / frequency * np.exp(-damping * np.pi / 2.0)
     assert found["touch_stroke_m"] == pytest.approx(stroke, rel=0.05)
     assert found["touch_duration_s"] == pytest.approx(np.pi / frequency, abs=0.5)
+    kinetic = 0.5 * 1400.0 * found["touch_down_m_s"] ** 2
+    assert found["touch_energy_j"] == pytest.approx(kinetic, rel=0.05)
+    # The damper leaves so much of it; the thrust away begins while the head is on the ground.
+    kept = np.exp(-2.0 * damping * np.pi)
+    assert kept < found["touch_energy_left_j"] / found["touch_energy_j"] < 1.2 * kept
     assert found["touch_force_n"] == data["contact_force"].values.max()
 
 

@@ -46,7 +46,7 @@ SOMETIMES = (
     *NAVIGATION_COLUMNS, *RIGID_COLUMNS,
     "navigation_return_use", "assurance_margin", "assurance_position", "assurance_velocity",
     "touch_phase", "touch_abort", "touch_tries", "touch_stopping_height", "touch_by_policy",
-    "contact_force", "parts_force", "arm_stroke",
+    "contact_force", "parts_force", "arm_stroke", "contact_energy",
 )  # fmt: skip
 AXES = np.array([140e3, 70e3, 65e3])
 
