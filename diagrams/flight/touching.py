@@ -8,6 +8,7 @@ and torque that its thrusters and wheels give: see `TouchMotion`.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.analysis import InitializeParams, Simulator
@@ -27,7 +28,7 @@ from proxops.diagrams.scenario import (
     touch_site,
 )
 from proxops.systems import RigidSpacecraft
-from proxops.systems.common import cross_matrix, rotation_matrix
+from proxops.systems.common import State, Vector3, cross_matrix, rotation_matrix
 from proxops.systems.policy import DescentBundle
 from proxops.systems.touch import (
     DescentGuidance,
@@ -94,6 +95,22 @@ def add_touch(wiring: Wiring) -> Signals:
     return {"head_force": head.get_output_port()}
 
 
+class Look(NamedTuple):
+    """What there is at one time in contact."""
+
+    time: float
+    """s."""
+    state: State
+    """p_KS and v_KS (6,) in m and m/s."""
+    attitude: np.ndarray
+    """R_KS (4,)."""
+    rate: Vector3
+    """w_NS (3,) in rad/s in S."""
+    record: np.ndarray
+    """(4,): the force on the head and the greatest on another part in N, the arm's stroke in m, and
+    the energy in J (`contact_energy`)."""
+
+
 class TouchMotion:
     """Moves the spacecraft of a transit diagram by contact, while the ground is near.
 
@@ -124,9 +141,7 @@ class TouchMotion:
         self._reach = max(tip, *corners) + _SPARE
         sides = true_shape.vertices[true_shape.facets]
         self._edge = float(np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2).max())
-        self.rows: list[np.ndarray] = []
-        """Of each look in contact: time, state (6), attitude (4), angular velocity (3), force on
-        the head, greatest on another part, stroke, energy: see `contact_energy`."""
+        self.looks: list[Look] = []
 
     def near(self, context: Context, spare: float = 0.0) -> bool:
         """Whether the ground is within reach, and so much in m more."""
@@ -162,18 +177,18 @@ class TouchMotion:
         contact.Initialize()
         params = InitializeParams()
         params.suppress_initialization_events = True
-        control, since = self._world.scenario.control_period_s, len(self.rows)
+        control, since = self._world.scenario.control_period_s, len(self.looks)
         while context.get_time() < latest and self.near(context, _SPARE):
             simulator.AdvancePendingEvents()
             steps = context.get_time() / control
             if abs(steps - round(steps)) < _ROUNDING:
-                since = len(self.rows)  # What was before is known on board.
-            self.rows += self._moved(plant, contact, context)
-            self._tell(context, self.rows[since:])
+                since = len(self.looks)  # What was before is known on board.
+            self.looks += self._moved(plant, contact, context)
+            self._tell(context, self.looks[since:])
             simulator.Initialize(params)
         self._tell(context, [])
 
-    def _moved(self, plant: Diagram, contact: Simulator, context: Context) -> list[np.ndarray]:
+    def _moved(self, plant: Diagram, contact: Simulator, context: Context) -> list[Look]:
         """Moves plant and spacecraft by a period; gives the looks on the way."""
         own = self.spacecraft.GetMyContextFromRoot(context)
 
@@ -185,25 +200,25 @@ class TouchMotion:
         motors = given("wheel_torque") if len(axes) else np.zeros(0)
         inside = contact.get_mutable_context()
         plant.GetInputPort("force").FixValue(inside, given("force"))
-        rows, looks, begun = [], max(round(self._period / _LOOK), 1), context.get_time()
+        looks, count, begun = [], max(round(self._period / _LOOK), 1), context.get_time()
         momentum, thrust_torque = axes.T @ state[wheels], given("torque")
-        for k in range(looks):
+        for k in range(count):
             rate = plant.GetOutputPort("angular_velocity").Eval(inside)
             torque = thrust_torque - axes.T @ motors - cross_matrix(rate) @ momentum
             plant.GetInputPort("torque").FixValue(inside, torque)
-            contact.AdvanceTo(begun + (k + 1) * self._period / looks)
-            momentum = momentum + axes.T @ motors * self._period / looks
-            rows.append(_look(plant, inside))
-        last = rows[-1]
+            contact.AdvanceTo(begun + (k + 1) * self._period / count)
+            momentum = momentum + axes.T @ motors * self._period / count
+            looks.append(_look(plant, inside))
+        last = looks[-1]
         state[:4], state[4:7], state[7:10], state[10:13] = (
-            last[7:11], last[1:4], last[11:14], last[4:7]
+            last.attitude, last.state[:3], last.rate, last.state[3:]
         )  # fmt: skip
         state[wheels] += self._period * motors
         state[-1] -= self._period * given("mass_flow")[0]
         context.SetTime(begun + self._period)
         mutable = self.spacecraft.GetMyMutableContextFromRoot(context)
         mutable.SetContinuousState(state)
-        return rows
+        return looks
 
     def _place(self, plant: Diagram, contact: Simulator, context: Context) -> None:
         """Sets the plant to where the spacecraft is."""
@@ -213,9 +228,9 @@ class TouchMotion:
         attitude = state[:4] / np.linalg.norm(state[:4])
         place_craft(plant, inside, motion, attitude, state[7:10], self._world.true_body.spin)
 
-    def _tell(self, context: Context, rows: list[np.ndarray]) -> None:
+    def _tell(self, context: Context, looks: list[Look]) -> None:
         """Tells the diagram the greatest of what contact gave in some looks."""
-        greatest = np.max([row[14:] for row in rows], axis=0) if rows else np.zeros(4)
+        greatest = np.max([look.record for look in looks], axis=0) if looks else np.zeros(4)
         for name, values in (("head_force", greatest[:1]), ("contact_record", greatest)):
             source = self._diagram.GetSubsystemByName(name)
             own = source.GetMyMutableContextFromRoot(context)
@@ -227,20 +242,16 @@ class TouchMotion:
         return own.get_continuous_state_vector().CopyToVector()
 
 
-def _look(plant: Diagram, context: Context) -> np.ndarray:
-    """A row (18,) of `TouchMotion.rows`."""
-
+def _look(plant: Diagram, context: Context) -> Look:
     def read(name: str) -> np.ndarray:
-        return plant.GetOutputPort(name).Eval(context)
+        return plant.GetOutputPort(name).Eval(context).copy()
 
     parts = read("parts_force").max() if plant.HasOutputPort("parts_force") else 0.0
     force = np.linalg.norm(read("contact_force"))
-    return np.concatenate(
-        [
-            [context.get_time()], read("state"), read("attitude"), read("angular_velocity"),
-            [force, parts, read("arm")[0], contact_energy(plant, context)],
-        ]
-    )  # fmt: skip
+    record = np.array([force, parts, read("arm")[0], contact_energy(plant, context)])
+    return Look(
+        context.get_time(), read("state"), read("attitude"), read("angular_velocity"), record
+    )
 
 
 def contact_figures(motion: TouchMotion, world: World) -> dict[str, float]:
@@ -252,37 +263,39 @@ def contact_figures(motion: TouchMotion, world: World) -> dict[str, float]:
     second after it had left, and the rate 10 s after the first. Energy (J) is that at the first
     touch, and what is left of it at the end of that.
     """
-    rows = np.array(motion.rows).reshape(-1, 18)
-    on = np.flatnonzero(rows[:, 14] > 0.0)
-    parts = float(rows[:, 15].max()) if len(rows) else 0.0
+    looks = motion.looks
+    records = np.array([look.record for look in looks]).reshape(-1, 4)
+    on = np.flatnonzero(records[:, 0] > 0.0)
+    parts = float(records[:, 1].max(initial=0.0))
     if not on.size:
         return {"touch_parts_force_n": parts}
-    site, first = touch_site(world.scenario, world.body), rows[on[0]]
-    later = rows[min(np.searchsorted(rows[:, 0], first[0] + 10.0), len(rows) - 1)]
-    aside = first[1:4] - site.position
-    along = float(first[4:7] @ site.normal)
-    spin = world.true_body.spin.angular_velocity(first[0])
-    arm = rotation_matrix(tuple(first[7:11])) @ motion.craft.arm.direction
+    site, first = touch_site(world.scenario, world.body), looks[on[0]]
+    times = np.array([look.time for look in looks])
+    later = looks[min(int(np.searchsorted(times, first.time + 10.0)), len(looks) - 1)]
+    aside, velocity = first.state[:3] - site.position, first.state[3:]
+    along = float(velocity @ site.normal)
+    spin = world.true_body.spin.angular_velocity(first.time)
+    arm = rotation_matrix(tuple(first.attitude)) @ motion.craft.arm.direction
 
-    def rate(row: np.ndarray) -> float:
-        turned = row[11:14] - rotation_matrix(tuple(row[7:11])).T @ spin
+    def rate(look: Look) -> float:
+        turned = look.rate - rotation_matrix(tuple(look.attitude)).T @ spin
         return float(np.degrees(np.linalg.norm(turned)))
 
-    times = rows[on, 0]
-    left = rows[on[np.argmax(np.append(np.diff(times) > 1.0, True))]]
+    times = times[on]
+    left = on[np.argmax(np.append(np.diff(times) > 1.0, True))]
     return {
-        "touch_time_s": float(first[0]),
+        "touch_time_s": first.time,
         "touch_miss_m": float(np.linalg.norm(aside - (aside @ site.normal) * site.normal)),
         "touch_down_m_s": -along,
-        "touch_across_m_s": float(np.linalg.norm(first[4:7] - along * site.normal)),
+        "touch_across_m_s": float(np.linalg.norm(velocity - along * site.normal)),
         "touch_tilt_deg": float(np.degrees(np.arccos(np.clip(-arm @ site.normal, -1.0, 1.0)))),
         "touch_rate_deg_s": rate(first),
         "touch_later_rate_deg_s": rate(later),
-        "touch_force_n": float(rows[:, 14].max()),
+        "touch_force_n": float(records[:, 0].max()),
         "touch_parts_force_n": parts,
-        "touch_stroke_m": float(rows[:, 16].max()),
-        "touch_energy_j": float(first[17]),
-        "touch_energy_left_j": float(left[17]),
+        "touch_stroke_m": float(records[:, 2].max()),
+        "touch_energy_j": float(records[on[0], 3]),
+        "touch_energy_left_j": float(records[left, 3]),
         "touch_duration_s": float(times[-1] - times[0]),
         "touch_again": int((np.diff(times) > 1.0).sum()),
     }
