@@ -180,18 +180,18 @@ def ball(radius: float) -> Polyhedron:
     return Polyhedron(points, facets, "ball")
 
 
-def tide_of(mass: float, moon: Vector3, position: Vector3) -> Vector3:
-    """What a point mass adds to the motion about the body (3,), in m/s^2.
+def tide_of(mass: float, moon: Vector, position: Vector) -> Vector:
+    """What a point mass adds to the motion about the body (3 numbers), in m/s^2.
 
-    It is its pull at a position (3,) in m less its pull on the body, which falls freely towards it,
-    too. `mass` is in kg, `moon` (3,) its place in m.
+    It is its pull at a position in m less its pull on the body, which falls freely towards it, too.
+    `mass` is in kg, `moon` its place in m.
     """
     # Number by number: several times a step in flight, where small arrays cost more than sums.
-    (a, b, c), (p, q, r) = moon.tolist(), position.tolist()
+    (a, b, c), (p, q, r) = moon, position
     x, y, z = a - p, b - q, c - r
     here = GRAVITATIONAL_CONSTANT * mass / (x * x + y * y + z * z) ** 1.5
     there = GRAVITATIONAL_CONSTANT * mass / (a * a + b * b + c * c) ** 1.5
-    return np.array([here * x - there * a, here * y - there * b, here * z - there * c])
+    return here * x - there * a, here * y - there * b, here * z - there * c
 
 
 def greatest_tide(
@@ -235,14 +235,16 @@ class Moons(LeafSystem):
         """Takes the moons, and how K turns."""
         super().__init__()
         self.moons, self.spin = moons, spin_model(spin)
+        self._ways = [(moon.mass_kg, _ELEMENTS(moon)) for moon in moons]
         self._port = self.DeclareVectorInputPort("position", 3)
         self.DeclareVectorOutputPort(
             "acceleration", 3, self._calc, {self._port.ticket(), self.time_ticket()}
         )
 
     def _calc(self, context, output):
-        position, time = self._port.Eval(context), context.get_time()
-        pull = np.zeros(3)
-        for moon in self.moons:
-            pull += tide_of(moon.mass_kg, moon_position(moon, time, self.spin), position)
-        output.SetFromVector(pull)
+        position, time = self._port.Eval(context).tolist(), context.get_time()
+        x = y = z = 0.0
+        for mass, elements in self._ways:
+            a, b, c = tide_of(mass, _position(elements, time, self.spin), position)
+            x, y, z = x + a, y + b, z + c
+        output.SetFromVector((x, y, z))

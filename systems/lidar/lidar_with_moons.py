@@ -61,18 +61,23 @@ class LidarWithMoons(Lidar):
     def returns_at(self, position: Vector3, rotation: Matrix3 | None, time: float) -> TrueReturns:
         """The rays that meet body or moon at a time in s: see `PlanarLidar.true_returns`."""
         body = self.true_returns(position, rotation)
+        rotation = np.eye(3) if rotation is None else rotation
+        met = []
+        for moon, (fan, radius) in zip(self.moons, self._seen, strict=True):
+            away = position - moon_position(moon.config, time, self.spin)
+            if self._may_meet(away @ rotation, radius):
+                met.append((moon, fan, away))
+        if not met:
+            return body
         distances = np.full(self.geometry.size, np.inf)
         grazing = np.zeros(self.geometry.size, dtype=bool)
         distances[body.rays] = body.distances
         if body.grazing is not None:
             grazing[body.rays] = body.grazing
-        for moon, (fan, radius) in zip(self.moons, self._seen, strict=True):
+        for moon, fan, away in met:
             axes = moon_axes(moon.config, time, self.spin)
-            place = axes.T @ (position - moon_position(moon.config, time, self.spin))
-            turn = axes.T if rotation is None else axes.T @ rotation
-            if not self._may_meet(place @ turn, radius):
-                continue
-            _, rays, ranges, facets = fan.hits(place[None], turn)
+            turn = axes.T @ rotation
+            _, rays, ranges, facets = fan.hits((axes.T @ away)[None], turn)
             nearer = ranges < distances[rays]
             rays = rays[nearer]
             distances[rays] = ranges[nearer]

@@ -7,7 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import Values, Vector3, check_positive, rotation_matrix
+from proxops.systems.common import (
+    Values,
+    Vector3,
+    check_positive,
+    kernel,
+    rotation_matrix,
+)
 from proxops.systems.gravity import MoonConfig, moon_position
 from proxops.systems.lidar.lidar_geometry import LidarGeometry
 from proxops.systems.rotation import Spin, spin_model
@@ -24,6 +30,9 @@ def stretch_of_the_moon(along: Values, away: float, radius: float, body: float) 
       away: distance in m from body to moon. radius: of the ball about the moon, in m.
       body: radius in m of the ball about the body.
     """
+    first = float(along.min())
+    if along.max() - first <= 2.0 * body:  # All lie in the body's.
+        return first + body + away - radius
     order = np.sort(along)
     # Places of the body's centre at which one of the stretches begins at a return.
     centres = np.concatenate([order + body, order - away + radius])
@@ -36,15 +45,19 @@ def stretch_of_the_moon(along: Values, away: float, radius: float, body: float) 
     return float(near[np.argmax(counts)])
 
 
-def with_neighbours(ranges: Values, geometry: LidarGeometry, near: float) -> Values:
+@kernel(error_model="numpy")
+def with_neighbours(ranges, planes, near):
     """Which rays (R,), bool, have a neighbour in their plane with a like range, within `near` m.
 
-    A false return rarely has one.
+    A false return rarely has one. The ranges (R,) in m are of `planes` planes.
     """
-    frame = ranges.reshape(geometry.planes, geometry.rays)
-    with np.errstate(invalid="ignore"):
-        alike = np.abs(frame - np.roll(frame, 1, axis=1)) < near
-    return (alike | np.roll(alike, -1, axis=1)).ravel()
+    frame = ranges.reshape(planes, -1)
+    found = np.zeros(frame.shape, dtype=np.bool_)
+    for plane in range(planes):
+        for ray in range(frame.shape[1]):
+            if np.abs(frame[plane, ray] - frame[plane, ray - 1]) < near:
+                found[plane, ray] = found[plane, ray - 1] = True
+    return found.ravel()
 
 
 class MoonMask(LeafSystem):
@@ -89,7 +102,7 @@ class MoonMask(LeafSystem):
 
     def _blank(self, ranges: Values, line: Vector3, away: float, radius: float) -> None:
         """Blanks in place the returns of a moon, along a unit vector (3,) in S from the body."""
-        trusted = with_neighbours(ranges, self.geometry, self.body)
+        trusted = with_neighbours(ranges, self.geometry.planes, self.body)
         rays = np.flatnonzero(np.isfinite(ranges))
         along, sure = ranges[rays] * (self.directions[rays] @ line), trusted[rays]
         if sure.any():

@@ -97,7 +97,7 @@ class GuidancePolicy(LeafSystem):
         self.bundle = bundle if isinstance(bundle, GuidanceBundle) else GuidanceBundle.load(bundle)
         self.surroundings = self.bundle.fitted(surroundings)
         self._least_time = self.bundle.network.least_time(
-            self.surroundings.told()[NUMBERS.index("pace")]
+            self.surroundings.told[NUMBERS.index("pace")]
         )
         self.force_limit = thrust_limit * self.surroundings.acceleration / surroundings.acceleration
         numbers = self.surroundings.numbers()
@@ -112,6 +112,11 @@ class GuidancePolicy(LeafSystem):
         self._state_port = self.DeclareVectorInputPort("state", 6)
         self._target_port = self.DeclareVectorInputPort("target", 6)
         # What depends on the goal alone is computed once for each goal.
+        self._goal_gravity = self.DeclareCacheEntry(
+            "goal gravity",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_gravity),
+            {self._target_port.ticket()},
+        )
         turns_otherwise = isinstance(surroundings.spin, TorqueFreeSpin)
         self._goal = self.DeclareCacheEntry(
             "goal",
@@ -166,9 +171,14 @@ class GuidancePolicy(LeafSystem):
             "policy_record": LoggedPort(self._record_port),
         }
 
-    def _calc_goal(self, context, value):
+    def _calc_gravity(self, context, value):
         goals = self._target_port.Eval(context)[None, :3]
-        value.set_value((goals, self.surroundings.at_rest(goals, context.get_time())))
+        value.set_value(self.surroundings.field.evaluate(goals).acceleration)
+
+    def _calc_goal(self, context, value):
+        goals, gravity = self._target_port.Eval(context)[None, :3], self._goal_gravity.Eval(context)
+        at_rest = self.surroundings.at_rest(goals, context.get_time(), gravity)
+        value.set_value((goals, at_rest))
 
     def _calc_answer(self, context, value):
         state = self._state_port.Eval(context)

@@ -110,6 +110,7 @@ class Surroundings:
         values = (x, y, z, gravity, turn, speed, self.period / time, pace)
         return dict(zip(NUMBERS, values, strict=True))
 
+    @cached_property
     def told(self) -> list[float]:
         """Gives `numbers` as a network is told them: the nearest within `ranges`."""
         numbers = self.numbers()
@@ -132,19 +133,31 @@ class Surroundings:
         self.fill_way(states, goals, given)
         return given
 
-    def at_rest(self, goals: Vectors3, time: float = 0.0) -> np.ndarray:
-        """Gives `inputs` (N, 23) at rest at goals (N, 3), at a time in s."""
+    def at_rest(
+        self, goals: Vectors3, time: float = 0.0, gravity: Vectors3 | None = None
+    ) -> np.ndarray:
+        """Gives `inputs` (N, 23) at rest at goals (N, 3), at a time in s: see `fill_way`."""
         given = np.empty((len(goals), INPUTS), dtype=np.float32)
-        self.fill_way(np.concatenate([goals, np.zeros_like(goals)], axis=1), goals, given, time)
+        states = np.concatenate([goals, np.zeros_like(goals)], axis=1)
+        self.fill_way(states, goals, given, time, gravity)
         given[:, 12:15] = given[:, 9:12]
-        given[:, 15:] = self.told()
+        given[:, 15:] = self.told
         return given
 
     def fill_way(
-        self, states: np.ndarray, goals: np.ndarray, given: np.ndarray, time: float = 0.0
+        self,
+        states: np.ndarray,
+        goals: np.ndarray,
+        given: np.ndarray,
+        time: float = 0.0,
+        gravity: Vectors3 | None = None,
     ) -> None:
-        """Fills the twelve columns of `inputs` that change along the way, at a time in s."""
-        gravity = self.field.evaluate(states[:, :3]).acceleration
+        """Fills the twelve columns of `inputs` that change along the way, at a time in s.
+
+        `gravity` (N, 3) is that at the states in m/s^2, if it is known.
+        """
+        if gravity is None:
+            gravity = self.field.evaluate(states[:, :3]).acceleration
         units = _Units(self.length, self.speed, self.acceleration)
         rate, change = self._spin.angular_velocity(time), self._spin.angular_acceleration(time)
         turning = (*rate.tolist(), *change.tolist())

@@ -20,6 +20,7 @@ from proxops.systems.common import (
     InputError,
     Matrix3,
     Quaternion,
+    Values,
     Vector3,
     check_inertia,
     config,
@@ -27,10 +28,10 @@ from proxops.systems.common import (
     quaternion_inverse,
     quaternion_of,
     quaternion_product,
-    rotated,
     rotation_matrix,
     vector,
 )
+from proxops.systems.rotation._torque_free_kernel import Motion, rates_at, turned_at
 
 # A body whose w x L is below this share of |w| |L| turns about a principal axis.
 _STEADY = 1e-12
@@ -122,30 +123,6 @@ class SteadySpin:
         return SpinErrors(np.eye(3), np.zeros((3, 3)), back)
 
 
-class _Motion(NamedTuple):
-    """A torque-free rotation in principal axes, by Jacobi's elliptic functions of time."""
-
-    axes: Quaternion
-    """R_KP, of the principal axes P. The third is the one that L stays about."""
-    moments: tuple[float, float, float]
-    amplitudes: tuple[float, float, float]
-    """Of w along the axes of P, which are times cn, sn and dn."""
-    momentum: float
-    """|L|."""
-    frequency: float
-    """In rad/s."""
-    start: float
-    """The argument of the elliptic functions is start + frequency t."""
-    parameter: float
-    """m."""
-
-    def rates(self, times: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """w in rad/s along each axis of P, at times in s."""
-        first, second, third = self.amplitudes
-        sn, cn, dn, _ = scipy.special.ellipj(self.start + self.frequency * times, self.parameter)
-        return first * cn, second * sn, third * dn
-
-
 class TorqueFreeSpin:
     """The rotation of a rigid body without torque, in closed form.
 
@@ -175,7 +152,7 @@ class TorqueFreeSpin:
         self._inverse = np.linalg.inv(self.inertia)
 
     @cached_property
-    def _motion(self) -> _Motion | None:
+    def _motion(self) -> Motion | None:
         """The motion in principal axes; None: it turns about one of them."""
         moments, axes = np.linalg.eigh(self.inertia)
         axes[:, 0] *= np.linalg.det(axes)
@@ -207,36 +184,37 @@ class TorqueFreeSpin:
             else 0.0
         )
         frequency = math.copysign(math.sqrt((c - b) * along / (a * b)), (c - b) * z)
-        i, j, k, real = scipy.spatial.transform.Rotation.from_matrix(axes).as_quat().tolist()
-        amplitudes = (first, second, third)
-        return _Motion((real, i, j, k), (a, b, c), amplitudes, size, frequency, start, m)
+        turned = np.roll(scipy.spatial.transform.Rotation.from_matrix(axes).as_quat(), 1)
+        amplitudes = np.array([first, second, third])
+        return Motion(turned, np.array(moments), amplitudes, size, frequency, start, m)
 
     def angular_velocity(self, times: float | np.ndarray) -> np.ndarray:
         """w (..., 3) in rad/s, in K, at times (...) in s."""
         if not isinstance(times, np.ndarray):
-            return self._turning(times)[0]
+            return self._at(times)[1]
         motion = self._motion
         if motion is None:
             return np.broadcast_to(self.rate, (*times.shape, 3))
-        return np.stack(motion.rates(times), axis=-1) @ rotation_matrix(motion.axes).T
+        rates = rates_at(motion, np.ravel(times).astype(np.float64))
+        return rates.reshape(*times.shape, 3) @ rotation_matrix(motion.axes).T
 
     def angular_acceleration(self, times: float | np.ndarray) -> np.ndarray:
         """The derivative of w (..., 3) in rad/s^2, in K, at times (...) in s: -I^-1 (w x I w)."""
         if not isinstance(times, np.ndarray):
-            return self._turning(times)[1]
+            return self._at(times)[2]
         rates = self.angular_velocity(times)
         return -np.cross(rates, rates @ self.inertia) @ self._inverse
 
     # Many systems ask for the same times.
     @functools.lru_cache(maxsize=_RECENT)  # noqa: B019 (a flight has one or two models)
-    def _turning(self, time: float) -> tuple[Vector3, Vector3]:
-        """w and its derivative at a time in s."""
-        w, motion = self.rate, self._motion
-        if motion is not None:
-            x, y, z = map(float, motion.rates(time))
-            w = np.array(rotated(motion.axes, (x, y, z)))
-        change = -self._inverse @ (cross_matrix(w) @ (self.inertia @ w))
-        return _read_only(w), _read_only(change)
+    def _at(self, time: float) -> tuple[Quaternion, Vector3, Vector3]:
+        """R_NK, w and its derivative at a time in s."""
+        motion = self._motion
+        if motion is None:
+            return SteadySpin(self.rate).attitude(time), _read_only(self.rate), np.zeros(3)
+        turned, rate, change = turned_at(motion, float(time))
+        attitude = quaternion_product(self._start, turned)
+        return attitude, _read_only(np.array(rate)), _read_only(np.array(change))
 
     @cached_property
     def period(self) -> float:
@@ -246,24 +224,21 @@ class TorqueFreeSpin:
             return math.inf
         return 4.0 * float(scipy.special.ellipk(motion.parameter)) / abs(motion.frequency)
 
-    @functools.lru_cache(maxsize=_RECENT)  # noqa: B019
     def attitude(self, time: float) -> Quaternion:
         """R_NK at a time in s."""
-        if self._motion is None:
-            return SteadySpin(self.rate).attitude(time)
-        return quaternion_product(self._start, _against_momentum(self._motion, time))
+        return self._at(time)[0]
 
     @cached_property
     def _start(self) -> Quaternion:
         """R_NJ, of the axes J of which z lies along L."""
         assert self._motion is not None
-        return quaternion_inverse(_against_momentum(self._motion, 0.0))
+        return quaternion_inverse(turned_at(self._motion, 0.0)[0])
 
     def errors(self, time: float, step: float) -> SpinErrors:
         """What an error of w at time 0 does over a step of s about a time."""
         rounds = abs(time + step) * float(np.linalg.norm(self.rate)) / (2.0 * math.pi)
         path = self._error_path(max(0, math.ceil(math.log2(max(rounds, 1.0)))))
-        before, now, after = (path(time + part * step) for part in (-0.5, 0.0, 0.5))
+        before, now, after = path(time + step * np.array([-0.5, 0.0, 0.5])).T
         rate, turn = now[:9].reshape(3, 3), ((after - before)[9:] / step).reshape(3, 3)
         return SpinErrors(rate, self._error_rate(self.angular_velocity(time), rate), turn)
 
@@ -273,8 +248,8 @@ class TorqueFreeSpin:
         return self._inverse @ ((momentum - cross_matrix(w) @ self.inertia) @ rate)
 
     @functools.lru_cache(maxsize=8)  # noqa: B019 (a flight has one or two models)
-    def _error_path(self, doublings: int) -> Callable[[float], np.ndarray]:
-        """The errors of w (9,) and of the turn since time 0 (9,), row by row, by time in s.
+    def _error_path(self, doublings: int) -> Callable[[Values], np.ndarray]:
+        """The errors of w and of the turn since time 0 (18, N), row by row, by times (N,) in s.
 
         It spans two turns of K, doubled so many times.
         """
@@ -316,55 +291,6 @@ def spin_model(spin: Spin) -> SpinModel:
     return SteadySpin(rate)
 
 
-def _against_momentum(motion: _Motion, time: float) -> Quaternion:
-    """R_JK: z of J lies along L, and axis 1 has gone round it by phi since time 0."""
-    sn, cn, dn, amplitude = map(
-        float, scipy.special.ellipj(motion.start + motion.frequency * time, motion.parameter)
-    )
-    along = (cn, sn, dn)
-    x, y, z = (i * w * f for i, w, f in zip(motion.moments, motion.amplitudes, along, strict=True))
-    # About axis 1 until L is in the plane of 1 and 3, then about 2 until it lies along 3.
-    q = quaternion_product(
-        quaternion_of((0.0, -math.atan2(x, math.hypot(y, z)), 0.0)),
-        quaternion_of((math.atan2(y, z), 0.0, 0.0)),
-    )
-    q = quaternion_product(quaternion_of((0.0, 0.0, _precession(motion, time, amplitude))), q)
-    return quaternion_product(q, quaternion_inverse(motion.axes))
-
-
-def _precession(motion: _Motion, time: float, amplitude: float) -> float:
-    """The integral phi of phi' = L (1 / I3 + e sn^2 / (1 + d sn^2)) since time 0, in rad."""
-    _, b, c = motion.moments
-    _, second, third = (value**2 for value in motion.amplitudes)
-    m = motion.parameter
-    d = b**2 * second / (c**2 * third) - m
-    e = b * second * (c - b) / (c**3 * third)
-    integral = _third_kind(amplitude, m, d) - _begun(motion, d)
-    return motion.momentum * (time / c + e * integral / motion.frequency)
-
-
-@functools.lru_cache(maxsize=8)
-def _begun(motion: _Motion, d: float) -> float:
-    """What `_third_kind` is at time 0."""
-    delta = scipy.special.ellipj(motion.start, motion.parameter)[3]
-    return _third_kind(float(delta), motion.parameter, d)
-
-
 def _read_only(values: np.ndarray) -> np.ndarray:
     values.flags.writeable = False
     return values
-
-
-def _third_kind(amplitude: float, m: float, d: float) -> float:
-    """The integral of sn^2 / (1 + d sn^2) over u, from 0 to where am u is `amplitude`.
-
-    By Carlson's R_J (DLMF, equation 19.25.14), and as many whole half rounds as are in it.
-    """
-    halves = round(amplitude / math.pi)
-    rest = amplitude - math.pi * halves
-    square = math.sin(rest) ** 2
-    part = scipy.special.elliprj(1.0 - square, 1.0 - m * square, 1.0, 1.0 + d * square)
-    whole = (
-        2.0 * halves * float(scipy.special.elliprj(0.0, 1.0 - m, 1.0, 1.0 + d)) if halves else 0.0
-    )
-    return (math.sin(rest) ** 3 * float(part) + whole) / 3.0

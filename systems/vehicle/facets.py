@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import Values, Vector3, Vectors3
+from proxops.systems.common import Values, Vectors3, kernel
 
 
 class Facets(NamedTuple):
@@ -24,7 +24,8 @@ class Facets(NamedTuple):
     """(F,) share that is thrown back to all sides, by Lambert's law. The rest is absorbed."""
 
 
-def light_on_facets(facets: Facets, direction: Vector3) -> tuple[Vector3, Vector3]:
+@kernel(error_model="numpy")
+def light_on_facets(facets, direction):
     """Force (3,) in m^2 and torque (3,) in m^3 on facets, in S, each over the pressure of light.
 
     With the area A, the unit normal n, the unit vector s to the Sun, and cos = n·s above 0, a facet
@@ -33,15 +34,21 @@ def light_on_facets(facets: Facets, direction: Vector3) -> tuple[Vector3, Vector
     facetSRPDynamicEffector. Facets do not shadow each other.
 
     Args:
-      facets: of the spacecraft. direction: (3,) unit vector to the Sun, in S.
+      facets: of the spacecraft. direction: unit vector to the Sun, in S: (3,), or three numbers.
     """
-    cosines = facets.normals @ direction
-    lit = np.flatnonzero(cosines > 0.0)
-    cosines, normals = cosines[lit], facets.normals[lit]
-    specular, pushes = facets.specular[lit], -facets.areas[lit] * cosines
-    along = 2.0 * (specular * cosines + facets.diffuse[lit] / 3.0)
-    forces = (pushes * (1.0 - specular))[:, None] * direction + (pushes * along)[:, None] * normals
-    # Row i, column j: the sum of r_i f_j, whose differences are those of r x f. `np.cross` is slow.
-    moments = facets.centres[lit].T @ forces
-    torque = (moments - moments.T)[[1, 2, 0], [2, 0, 1]]
-    return forces.sum(axis=0), torque
+    force, torque = np.zeros(3), np.zeros(3)
+    x, y, z = direction
+    for k in range(facets.areas.size):
+        a, b, c = facets.normals[k]
+        cosine = a * x + b * y + c * z
+        if cosine > 0.0:
+            push = -facets.areas[k] * cosine
+            along = 2.0 * (facets.specular[k] * cosine + facets.diffuse[k] / 3.0) * push
+            across = (1.0 - facets.specular[k]) * push
+            u, v, w = across * x + along * a, across * y + along * b, across * z + along * c
+            p, q, r = facets.centres[k]
+            force[0], force[1], force[2] = force[0] + u, force[1] + v, force[2] + w
+            torque[0] += q * w - r * v
+            torque[1] += r * u - p * w
+            torque[2] += p * v - q * u
+    return force, torque

@@ -154,8 +154,10 @@ class FlightEvents:
         outcome = outcome.copy()
         start, end = path.states
         outside = outcome[ENTERED_GOAL] >= NEVER
+        for moon in self._moons:
+            self._pass(outcome, moon, path)
         one = start[None], end[None], path.targets[1:]
-        if outside and self.nothing_happens(*one, path.span)[0]:
+        if outside and self._quiet(*one, path.span)[0]:
             return outcome
         self._follow(outcome, path)
         if self._violates(start, end, path.span):
@@ -163,8 +165,6 @@ class FlightEvents:
         blocked = blocks_segment(self._around, start[:3], end[:3])
         if blocked and self._hits_body(start[:3], end[:3]):
             outcome[COLLIDED] = 1.0
-        for moon in self._moons:
-            self._pass(outcome, moon, path)
         return outcome
 
     def _pass(self, outcome: np.ndarray, moon: Moon, path: FlownPath) -> None:
@@ -189,6 +189,10 @@ class FlightEvents:
         """
         if self._moons:
             return np.zeros(len(starts), dtype=bool)
+        return self._quiet(starts, ends, targets, span)
+
+    def _quiet(self, starts: States, ends: States, targets: States, span: float) -> Values:
+        """See `nothing_happens`: at the body alone."""
         quiet = np.empty(len(starts), dtype=bool)
         _find_uneventful(starts, ends, targets, span, self._regions, quiet)
         return quiet

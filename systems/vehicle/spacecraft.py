@@ -16,7 +16,6 @@ from proxops.systems.common import (
     check_positive,
     check_type,
     config,
-    cross_matrix,
     finite_vector,
     make_for_floats,
     number,
@@ -63,7 +62,7 @@ def rotating_frame_acceleration(position, velocity, gravity, force, mass: float,
 
 
 def spinning_frame_acceleration(
-    position, velocity, gravity, force, mass, turn, axis_point, turn_rate=None
+    position, velocity, gravity, force, mass, spin, axis_point, spin_rate=(0.0, 0.0, 0.0)
 ):
     """The acceleration in K: r'' = g(r) - 2 w x r' - w x (w x d) - w' x d + F / m, with d = r - c.
 
@@ -72,17 +71,24 @@ def spinning_frame_acceleration(
     Args:
       position, velocity, gravity, force: (3,) in K, in m, m/s, m/s^2 and N.
       mass: kg.
-      turn: `cross_matrix` of w, (3, 3) in rad/s.
+      spin: w (3,) in rad/s.
       axis_point: c (3,) in m: a point of the spin axis.
-      turn_rate: `cross_matrix` of w', in rad/s^2; None: 0.
+      spin_rate: w' (3,) in rad/s^2.
 
     Returns:
       (3,) in m/s^2, in K, for any scalar type.
     """
-    arm = position - axis_point
-    if turn_rate is not None:
-        gravity = gravity - turn_rate @ arm
-    return gravity - turn @ (2.0 * velocity + turn @ arm) + force / mass
+    # Number by number: see `rotating_frame_acceleration`.
+    (p, q, r), (i, j, k), (u, v, w) = spin, spin_rate, velocity
+    x, y, z = position[0] - axis_point[0], position[1] - axis_point[1], position[2] - axis_point[2]
+    a, b, c = 2.0 * u + q * z - r * y, 2.0 * v + r * x - p * z, 2.0 * w + p * y - q * x
+    return np.array(
+        [
+            gravity[0] - (j * z - k * y) - (q * c - r * b) + force[0] / mass,
+            gravity[1] - (k * x - i * z) - (r * a - p * c) + force[1] / mass,
+            gravity[2] - (i * y - j * x) - (p * b - q * a) + force[2] / mass,
+        ]
+    )
 
 
 def _set_constants(craft, mass: float, spin, axis_point) -> None:
@@ -90,20 +96,17 @@ def _set_constants(craft, mass: float, spin, axis_point) -> None:
     check_positive("Spacecraft", mass=mass)
     craft.mass = float(mass)
     craft.axis_point = finite_vector("Spacecraft", "axis_point", axis_point)
-    craft.centre = np.array(craft.axis_point)
     craft.about_z = False
     if spin is None:
-        craft.spin = craft.turn = None
+        craft.spin = None
         return
     if np.ndim(spin) > 0:
         craft.spin = finite_vector("Spacecraft", "spin", spin)
-        craft.turn = cross_matrix(craft.spin)
         return
     check_type("Spacecraft", float, spin=spin)
     if not abs(spin) < LARGEST:
         raise InputError(f"the spin must be finite, got {spin} rad/s")
     craft.spin, craft.about_z = float(spin), not any(craft.axis_point)
-    craft.turn = cross_matrix((0.0, 0.0, craft.spin))
 
 
 def _initial_state(value) -> np.ndarray:
@@ -144,18 +147,10 @@ def _acceleration(craft, state, gravity, force, turning):
     mass = mass_left(craft.mass, state[6]) if craft.burns_propellant else craft.mass
     if craft.about_z:
         return rotating_frame_acceleration(position, velocity, gravity, force, mass, craft.spin)
-    turn, turn_rate = craft.turn, None
-    if turning:
-        turn, turn_rate = (_cross(*vector) for vector in turning)
+    spin = turning or ((0.0, 0.0, craft.spin) if np.ndim(craft.spin) == 0 else craft.spin,)
     return spinning_frame_acceleration(
-        position, velocity, gravity, force, mass, turn, craft.centre, turn_rate
+        position, velocity, gravity, force, mass, spin[0], craft.axis_point, *spin[1:]
     )
-
-
-def _cross(x, y, z):
-    """`cross_matrix` for any scalar type."""
-    none = 0.0 * x
-    return np.array([[none, -z, y], [z, none, -x], [-y, x, none]])
 
 
 def mass_left(first: float, mass):
@@ -241,9 +236,10 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
             state = context.get_continuous_state_vector().CopyToVector()
             force, gravity = self._force_port.Eval(context), self._gravity_port.Eval(context)
             rates = state.copy()
-            if T is float and self.about_z:  # Python's numbers are faster than numpy's.
-                state, force, gravity = state.tolist(), force.tolist(), gravity.tolist()
             turning = [port.Eval(context) for port in self._spin_ports]
+            if T is float:  # Python's numbers are faster than numpy's.
+                state, force, gravity = state.tolist(), force.tolist(), gravity.tolist()
+                turning = [value.tolist() for value in turning]
             rates[:3], rates[3:6] = state[3:6], _acceleration(self, state, gravity, force, turning)
             if self.burns_propellant:
                 rates[6:] = -self._flow_port.Eval(context)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from proxops.systems.common import State, Vector3, cross_matrix
+from proxops.systems.common import State, Vector3
 from proxops.systems.gravity import Field
 from proxops.systems.rotation import Spin, SpinModel, spin_model
 from proxops.systems.vehicle.spacecraft import (
@@ -34,10 +34,9 @@ def believed_acceleration(
     if spin.about_z:
         rate = float(spin.rate[2])
         return rotating_frame_acceleration(position, velocity, gravity, force, mass, rate)
-    turn = cross_matrix(spin.angular_velocity(time))
-    turn_rate = cross_matrix(spin.angular_acceleration(time))
+    rate, change = spin.angular_velocity(time), spin.angular_acceleration(time)
     return spinning_frame_acceleration(
-        position, velocity, gravity, force, mass, turn, _ORIGIN, turn_rate
+        position, velocity, gravity, force, mass, rate, _ORIGIN, change
     )
 
 

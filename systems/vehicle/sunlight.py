@@ -23,7 +23,6 @@ from proxops.systems.common import (
     quaternion_inverse,
     quaternion_of,
     rotated,
-    rotation_matrix,
     vector,
     vector_of,
 )
@@ -265,11 +264,11 @@ class Sunlight(LeafSystem):
             value.set_value((np.zeros(3), np.zeros(3)))
             return
         assert self.facets is not None
-        turn = rotation_matrix(self._attitude_port.Eval(context))
-        direction = turn.T @ self.direction(context.get_time())
+        attitude = tuple(self._attitude_port.Eval(context).tolist())
+        direction = rotated(quaternion_inverse(attitude), self.direction(context.get_time()))
         force, torque = light_on_facets(self.facets, direction)
         pressure = light_pressure(self.settings)
-        value.set_value((pressure * (turn @ force), pressure * torque))
+        value.set_value((pressure * np.array(rotated(attitude, force)), pressure * torque))
 
     def _acceleration(self, context) -> Vector:
         # Number by number, as in `rotating_frame_acceleration`: seven times a step in flight.

@@ -20,7 +20,6 @@ from proxops.systems import (
     Spacecraft,
     Spacecraft_,
 )
-from proxops.systems.common import cross_matrix
 from proxops.systems.vehicle import rotating_frame_acceleration
 from proxops.systems.vehicle.spacecraft import spinning_frame_acceleration
 
@@ -214,7 +213,7 @@ def test_about_z_both_forms_agree():
         position, velocity, gravity, force = draws.normal(size=(4, 3))
         numbers = (1e5 * position, 10.0 * velocity, 1e-2 * gravity, force, 90.0)
         plain = rotating_frame_acceleration(*numbers, SPIN)
-        about_z = spinning_frame_acceleration(*numbers, cross_matrix((0.0, 0.0, SPIN)), np.zeros(3))
+        about_z = spinning_frame_acceleration(*numbers, (0.0, 0.0, SPIN), np.zeros(3))
         assert about_z == pytest.approx(plain, rel=1e-13)
 
 
