@@ -7,6 +7,7 @@ import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -15,9 +16,10 @@ from proxops.systems.common import (
     FAR,
     LONG,
     Matrix3,
-    Vector,
+    Values,
     Vector3,
     config,
+    kernel,
     number,
     quaternion_inverse,
     rotated,
@@ -28,6 +30,7 @@ from proxops.systems.gravity.gravity_field import GRAVITATIONAL_CONSTANT
 from proxops.systems.rotation import Spin, SpinModel, spin_model
 from proxops.systems.shapes import Polyhedron, ray_caster
 
+_inverse, _rotated = kernel(quaternion_inverse), kernel(rotated)
 # Newton's method on Kepler's equation ends at this step (rad), or after so many.
 _STEP, _MOST_STEPS = 1e-14, 50
 # Vertices of a ball: it is 0.3 % of its radius flat at most.
@@ -66,34 +69,57 @@ _ELEMENTS = operator.attrgetter(
 )  # fmt: skip
 
 
-def moon_position(moon: MoonConfig, time: float, spin: SpinModel) -> Vector3:
-    """Where a moon is (3,) at a time in s, in m from the centre of mass, along the axes of K.
+class Orbits(NamedTuple):
+    """Kepler's ellipses of M moons."""
 
-    K turns as `spin` says. Kepler's equation is solved by Newton's method.
-    """
-    return np.array(_position(_ELEMENTS(moon), time, spin))
+    semi_major_axes: Values
+    """(M,) in m."""
+    periods: Values
+    """(M,) in s."""
+    eccentricities: Values
+    """(M,)"""
+    anomalies: Values
+    """(M,) mean ones at time 0, in rad."""
+    axes: np.ndarray
+    """(M, 3, 3) of the ellipses in N, in columns; the first goes through the pericentre."""
 
 
 @functools.lru_cache(maxsize=64)
-def _position(elements: tuple[float, ...], time: float, spin: SpinModel) -> Vector:
-    """See `moon_position`: many systems ask for the same times."""
-    semi_major_axis, period, e, start, *angles = elements
-    mean = math.radians(start) + 2.0 * math.pi * time / period
-    mean = math.remainder(mean, 2.0 * math.pi)
+def _orbits_of(*elements: tuple[float, ...]) -> Orbits:
+    axes, periods, eccentricities, anomalies, *angles = map(np.array, zip(*elements, strict=True))
+    turned = np.array([_orbit_axes(*each) for each in zip(*angles, strict=True)])
+    return Orbits(axes, periods, eccentricities, np.radians(anomalies), turned)
+
+
+def moon_position(moon: MoonConfig, time: float, spin: SpinModel) -> Vector3:
+    """Where a moon is (3,) at a time in s, in m from the centre of mass, along the axes of K.
+
+    K turns as `spin` says.
+    """
+    return np.array(_place(_orbits_of(_ELEMENTS(moon)), 0, spin.attitude(time), float(time)))
+
+
+@kernel(error_model="numpy")
+def _place(orbits, moon, attitude, time):
+    """Where a moon is (3 numbers) in m along the axes of K, whose attitude is R_NK.
+
+    Kepler's equation is solved by Newton's method.
+    """
+    e, size = orbits.eccentricities[moon], orbits.semi_major_axes[moon]
+    mean = orbits.anomalies[moon] + 2.0 * math.pi * time / orbits.periods[moon]
+    mean -= 2.0 * math.pi * round(mean / (2.0 * math.pi))
     anomaly = mean if e < 0.8 else math.copysign(math.pi, mean)
     for _ in range(_MOST_STEPS):
         step = (anomaly - e * math.sin(anomaly) - mean) / (1.0 - e * math.cos(anomaly))
         anomaly -= step
         if abs(step) < _STEP:
             break
-    x = semi_major_axis * (math.cos(anomaly) - e)
-    y = semi_major_axis * math.sqrt(1.0 - e * e) * math.sin(anomaly)
-    (a, b, _), (c, d, _), (f, g, _) = _orbit_axes(*angles).tolist()
-    place = a * x + b * y, c * x + d * y, f * x + g * y
-    return rotated(quaternion_inverse(spin.attitude(time)), place)
+    x = size * (math.cos(anomaly) - e)
+    y = size * math.sqrt(1.0 - e * e) * math.sin(anomaly)
+    (a, b, _), (c, d, _), (f, g, _) = orbits.axes[moon]
+    return _rotated(_inverse(attitude), (a * x + b * y, c * x + d * y, f * x + g * y))
 
 
-@functools.lru_cache(maxsize=64)
 def _orbit_axes(*angles: float) -> np.ndarray:
     """The axes of the orbit (3, 3) in N, in columns; the first goes through the pericentre.
 
@@ -180,18 +206,28 @@ def ball(radius: float) -> Polyhedron:
     return Polyhedron(points, facets, "ball")
 
 
-def tide_of(mass: float, moon: Vector, position: Vector) -> Vector:
+@kernel(error_model="numpy")
+def tide_of(mass, moon, position):
     """What a point mass adds to the motion about the body (3 numbers), in m/s^2.
 
     It is its pull at a position in m less its pull on the body, which falls freely towards it, too.
     `mass` is in kg, `moon` its place in m.
     """
-    # Number by number: several times a step in flight, where small arrays cost more than sums.
     (a, b, c), (p, q, r) = moon, position
     x, y, z = a - p, b - q, c - r
     here = GRAVITATIONAL_CONSTANT * mass / (x * x + y * y + z * z) ** 1.5
     there = GRAVITATIONAL_CONSTANT * mass / (a * a + b * b + c * c) ** 1.5
     return here * x - there * a, here * y - there * b, here * z - there * c
+
+
+@kernel(error_model="numpy")
+def _tide(masses, orbits, attitude, time, position):
+    """That of all moons at a time in s: see `tide_of`."""
+    x = y = z = 0.0
+    for moon in range(masses.size):
+        a, b, c = tide_of(masses[moon], _place(orbits, moon, attitude, time), position)
+        x, y, z = x + a, y + b, z + c
+    return x, y, z
 
 
 def greatest_tide(
@@ -235,16 +271,14 @@ class Moons(LeafSystem):
         """Takes the moons, and how K turns."""
         super().__init__()
         self.moons, self.spin = moons, spin_model(spin)
-        self._ways = [(moon.mass_kg, _ELEMENTS(moon)) for moon in moons]
+        self._masses = np.array([moon.mass_kg for moon in moons])
+        self._orbits = _orbits_of(*map(_ELEMENTS, moons))
         self._port = self.DeclareVectorInputPort("position", 3)
         self.DeclareVectorOutputPort(
             "acceleration", 3, self._calc, {self._port.ticket(), self.time_ticket()}
         )
 
     def _calc(self, context, output):
-        position, time = self._port.Eval(context).tolist(), context.get_time()
-        x = y = z = 0.0
-        for mass, elements in self._ways:
-            a, b, c = tide_of(mass, _position(elements, time, self.spin), position)
-            x, y, z = x + a, y + b, z + c
-        output.SetFromVector((x, y, z))
+        position, time = self._port.Eval(context), context.get_time()
+        attitude = self.spin.attitude(time)
+        output.SetFromVector(_tide(self._masses, self._orbits, attitude, time, position))

@@ -40,6 +40,8 @@ _STEADY = 1e-12
 _GREATEST_PARAMETER = 1.0 - 2e-10
 # Relative error of what a spin's errors do: far below the errors of a linear model.
 _TOLERANCE = 1e-8
+# Of the path of errors in each turn of K. A spline through them is off by less than the tolerance.
+_KNOTS = 64
 # So many times are remembered, with what belongs to them.
 _RECENT = 64
 
@@ -238,7 +240,7 @@ class TorqueFreeSpin:
         """What an error of w at time 0 does over a step of s about a time."""
         rounds = abs(time + step) * float(np.linalg.norm(self.rate)) / (2.0 * math.pi)
         path = self._error_path(max(0, math.ceil(math.log2(max(rounds, 1.0)))))
-        before, now, after = path(time + step * np.array([-0.5, 0.0, 0.5])).T
+        before, now, after = path(time + step * np.array([-0.5, 0.0, 0.5]))
         rate, turn = now[:9].reshape(3, 3), ((after - before)[9:] / step).reshape(3, 3)
         return SpinErrors(rate, self._error_rate(self.angular_velocity(time), rate), turn)
 
@@ -249,11 +251,12 @@ class TorqueFreeSpin:
 
     @functools.lru_cache(maxsize=8)  # noqa: B019 (a flight has one or two models)
     def _error_path(self, doublings: int) -> Callable[[Values], np.ndarray]:
-        """The errors of w and of the turn since time 0 (18, N), row by row, by times (N,) in s.
+        """The errors of w and of the turn since time 0 (N, 18), row by row, by times (N,) in s.
 
         It spans two turns of K, doubled so many times.
         """
         from scipy.integrate import solve_ivp  # It takes half a second, for this alone.
+        from scipy.interpolate import make_interp_spline
 
         def derivative(time: float, state: np.ndarray) -> np.ndarray:
             w = self.angular_velocity(time)
@@ -261,13 +264,15 @@ class TorqueFreeSpin:
             change = self._error_rate(w, rate)
             return np.concatenate([change.ravel(), (rate - cross_matrix(w) @ turn).ravel()])
 
-        end = 2.0 ** (doublings + 1) * 2.0 * math.pi / float(np.linalg.norm(self.rate))
+        turns = 2 ** (doublings + 1)
+        end = turns * 2.0 * math.pi / float(np.linalg.norm(self.rate))
+        knots = np.linspace(0.0, end, _KNOTS * turns + 1)
         start = np.concatenate([np.eye(3).ravel(), np.zeros(9)])
         found = solve_ivp(
-            derivative, (0.0, end), start, "DOP853", dense_output=True,
+            derivative, (0.0, end), start, "DOP853", t_eval=knots,
             rtol=_TOLERANCE, atol=_TOLERANCE * end,
         )  # fmt: skip
-        return found.sol
+        return make_interp_spline(knots, found.y.T, k=5)  # Each step of a flight asks for it.
 
 
 SpinModel = SteadySpin | TorqueFreeSpin
