@@ -34,7 +34,9 @@ def test_a_flight_feels_their_tide():
     tides = np.array(
         [
             sum(
-                np.array(tide_of(moon.mass_kg, moon_position(moon, time, kleopatra().spin), state[:3]))
+                np.array(
+                    tide_of(moon.mass_kg, moon_position(moon, time, kleopatra().spin), state[:3])
+                )
                 for moon in MOONS
             )
             for time, state in zip(10.0 * np.arange(len(states)), states, strict=True)

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy import special
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from proxops.systems.common import InputError, rotation_matrix
 from proxops.systems.rotation import BodyRotation, SteadySpin, TorqueFreeSpin, spin_model
+from proxops.systems.rotation._torque_free_kernel import amplitude, carlson_rj
 
 TILTED = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix()
 
@@ -146,3 +148,20 @@ def test_what_is_no_rotation_is_refused():
         TorqueFreeSpin(np.diag([1.0, 1.0, 3.0]), np.ones(3))
     with pytest.raises(InputError, match="one or three finite numbers"):
         spin_model((1.0, 2.0))
+
+
+@given(
+    u=st.floats(-50.0, 50.0),
+    m=st.one_of(st.floats(0.0, 1.0 - 2e-10), st.floats(-9.5, 0.0).map(lambda x: 1.0 - 10.0**x)),
+)
+def test_the_amplitude_is_that_of_scipy(u, m):
+    assert amplitude(u, m) == pytest.approx(special.ellipj(u, m)[3], abs=2e-14)
+
+
+@given(
+    x=st.floats(0.0, 1.0),
+    rest=st.tuples(*[st.floats(-9.0, 0.0).map(lambda x: 10.0**x)] * 2),
+    p=st.floats(-4.0, 4.0).map(lambda x: 10.0**x),
+)
+def test_carlsons_integral_is_that_of_scipy(x, rest, p):
+    assert carlson_rj(x, *rest, p) == pytest.approx(special.elliprj(x, *rest, p), rel=1e-14)
