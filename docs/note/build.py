@@ -5,6 +5,7 @@ python docs/note/build.py
 
 import json
 from collections.abc import Mapping
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,14 @@ SOURCE = Path(__file__).with_name("note.typ")
 def sources() -> dict[str, Any]:
     """What the note tells of, by the name of the input of note.typ.
 
-    `results` is docs/results.json, `measured` docs/measured.json, `speed` the last entry of
-    benchmarks/results.json, and `rows` the flights of each row in docs/benchmark, by the name of
-    its file. Parts whose campaigns are missing in `results` say so, and lines whose rows are
-    missing are left out.
+    `version` is that of proxops, `results` docs/results.json, `measured` docs/measured.json,
+    `speed` the last entry of benchmarks/results.json, and `rows` the flights of each row in
+    docs/benchmark, by the name of its file. Parts whose campaigns are missing in `results` say so,
+    and lines whose rows are missing are left out.
     """
     docs = ROOT / "docs"
     return {
+        "version": metadata.version("proxops"),
         "results": json.loads((docs / "results.json").read_text()),
         "measured": json.loads((docs / "measured.json").read_text()),
         "speed": json.loads((ROOT / "benchmarks" / "results.json").read_text())[-1],
