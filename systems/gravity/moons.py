@@ -86,8 +86,9 @@ class Orbits(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def _orbits_of(*elements: tuple[float, ...]) -> Orbits:
-    axes, periods, eccentricities, anomalies, *angles = map(np.array, zip(*elements, strict=True))
-    turned = np.array([_orbit_axes(*each) for each in zip(*angles, strict=True)])
+    columns = np.array(elements).reshape(-1, 7).T.copy()
+    turned = np.array([_orbit_axes(*each) for each in columns[4:].T]).reshape(-1, 3, 3)
+    axes, periods, eccentricities, anomalies = columns[:4]
     return Orbits(axes, periods, eccentricities, np.radians(anomalies), turned)
 
 
