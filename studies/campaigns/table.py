@@ -141,7 +141,10 @@ _LEARNED = dc.replace(
 )  # fmt: skip
 _REAL = ("bennu", "ryugu", "toutatis", "didymos")
 _SURVEYS = (("kleopatra", "first_look"), ("bennu", "approach"), ("ryugu", "approach"))
-_MISSIONS = (("bennu_mission", "mission", 200), ("kleopatra_mission", "first_look", 50))
+_MISSIONS = (
+    ("bennu_mission", "mission", 200), ("ryugu_mission", "mission", 50),
+    ("kleopatra_mission", "first_look", 50),
+)  # fmt: skip
 # Of bodies, and of real missions, maps and missions, for a first look.
 _FEW_BODIES, _FEW = 2, 1
 

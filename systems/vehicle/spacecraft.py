@@ -235,11 +235,10 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
         def DoCalcTimeDerivatives(self, context, derivatives):  # noqa: N802
             state = context.get_continuous_state_vector().CopyToVector()
             force, gravity = self._force_port.Eval(context), self._gravity_port.Eval(context)
-            rates = state.copy()
-            turning = [port.Eval(context) for port in self._spin_ports]
+            turning, rates = [port.Eval(context) for port in self._spin_ports], state.copy()
             if T is float:  # Python's numbers are faster than numpy's.
-                state, force, gravity = state.tolist(), force.tolist(), gravity.tolist()
-                turning = [value.tolist() for value in turning]
+                given = (state, force, gravity, *turning)
+                state, force, gravity, *turning = (each.tolist() for each in given)
             rates[:3], rates[3:6] = state[3:6], _acceleration(self, state, gravity, force, turning)
             if self.burns_propellant:
                 rates[6:] = -self._flow_port.Eval(context)
