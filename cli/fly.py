@@ -397,7 +397,7 @@ def _touch(summary: dict[str, Any]) -> list[tuple[str, str]]:
     aborts = ", ".join(summary["touch_aborts"]) or "none"
     parts = f"{summary['touch_parts_force_n']:.0f} N"
     rows = [("descents, aborts", f"{summary['touch_tries']}, {aborts}")]
-    share = summary.get("touch_policy_share")
+    share, parked = summary.get("touch_policy_share"), "parked_m" in summary
     if not summary["touched"]:
         return [*rows, ("touch", "none"), ("force on bus and panels", parts)]
     speeds = [f"{100.0 * summary[f'touch_{way}_m_s']:.2f} cm/s" for way in ("down", "across")]
@@ -418,6 +418,7 @@ def _touch(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("force on bus and panels", parts),
         ("came back to the ground", str(summary["touch_again"])),
         *([("descent flown by the policy", f"{share:.0%}")] if share else []),
+        *([("parked from the centre", length_text(summary["parked_m"]))] if parked else []),
     ]
 
 

@@ -23,10 +23,11 @@ def of_controller(data: xr.Dataset) -> xr.Dataset:
 def touch_figures(data: xr.Dataset) -> dict[str, Any]:
     """Gives what touched, where, how, and how it ended; nothing for another flight.
 
-    `safe`: it is at home again, and nothing but the head had a force on it. `success`: and it has
-    touched. `touch_policy_share` is that of a learned policy in the steps of the legs that have a
-    plan. `touch_aborts` has the name of the reason of each abort, `touch_navigation_error_m` the
-    error of the navigated position at the last step before the touch.
+    `safe`: it is at home again, or parked if it was to be, and nothing but the head had a force on
+    it. `success`: and it has touched. `touch_policy_share` is that of a learned policy in the steps
+    of the legs that have a plan. `touch_aborts` has the name of the reason of each abort,
+    `touch_navigation_error_m` the error of the navigated position at the last step before the
+    touch, `parked_m` the distance in m from the body's centre in the end, if it parks.
     """
     if "touch_phase" not in data:
         return {}
@@ -39,6 +40,8 @@ def touch_figures(data: xr.Dataset) -> dict[str, Any]:
     figures["safe"] = home and not attrs["collided"] and attrs["touch_parts_force_n"] == 0.0
     figures["success"] = figures["success_2km"] = touched and figures["safe"]
     figures["touched"] = touched
+    if (phases == TouchPhase.PARK).any():
+        figures["parked_m"] = float(np.linalg.norm(data["state"].values[-1, :3]))
     figures["keep_out_violations"] = None  # It has to enter the ellipsoid.
     figures["touch_tries"] = int(np.nanmax(data["touch_tries"].values))
     figures["touch_aborts"] = [AbortReason(int(reason)).name.lower() for reason in reasons]

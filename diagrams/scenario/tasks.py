@@ -77,7 +77,11 @@ class TouchAndGoConfig:
     arm_m: float = number(3.0, above=0.2, at_most=100.0, unit="m")
 
 
-MISSIONS = ["survey", "transit"], ["survey", "transit", "touch_and_go"]
+MISSIONS = (
+    ["survey", "transit"],
+    ["survey", "transit", "touch_and_go", "park"],
+    ["survey", "transit", "touch_and_go"],
+)
 """The phases that a mission may have."""
 
 
@@ -90,7 +94,8 @@ class MissionConfig:
     `proxops fly` fly it. `transit.seed` and `transit.index` say which mission of a set.
     """
 
-    # [survey, transit], or [survey, transit, touch_and_go].
+    # [survey, transit], [survey, transit, touch_and_go], or this and park, in an orbit as the
+    # survey's.
     phases: list[str] = dc.field(default_factory=lambda: list(MISSIONS[-1]))
     survey: SurveyConfig = dc.field(default_factory=SurveyConfig)
     # Its site is chosen on the survey's map, unless it is given.

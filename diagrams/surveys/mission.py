@@ -80,6 +80,14 @@ def begin_mission(
     surveying, visiting = parts_of(scenario)
     _check_speed(surveying, body)
     _check_touch(visiting)
+    task, mission = visiting.task, scenario.task
+    assert isinstance(mission, MissionConfig)
+    if "park" in mission.phases:
+        assert isinstance(task, TouchAndGoConfig)
+        radius = task.away.park_m or around_of(surveying, body).radius
+        visiting = dc.replace(
+            visiting, task=dc.replace(task, away=dc.replace(task.away, park_m=radius))
+        )
     surveyed = run_survey(surveying, body, folder, progress, visiting)
     after, path = onward(surveyed), folder / "flight.yaml"
     if not isinstance(after.task, TouchAndGoConfig):

@@ -10,7 +10,7 @@ a map. Numerics are functions on arrays; `Expected` has all that is uncertain be
 from proxops.systems.mapping.batch import Estimated, estimated
 from proxops.systems.mapping.first_orbit import FEWEST
 from proxops.systems.mapping.returns import Returns
-from proxops.systems.mapping.survey_controller import HIGHEST, SurveyController
+from proxops.systems.mapping.survey_controller import HIGHEST, SurveyController, orbit_normal
 from proxops.systems.mapping.survey_filter import Around
 from proxops.systems.mapping.survey_fit import Expected, Survey, matched
 from proxops.systems.mapping.uncertainty import MapUncertainty, map_uncertainty
@@ -28,4 +28,5 @@ __all__ = [
     "estimated",
     "map_uncertainty",
     "matched",
+    "orbit_normal",
 ]

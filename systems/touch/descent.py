@@ -72,6 +72,8 @@ class TouchPhase(IntEnum):
     """The head has touched."""
     AWAY = 6
     """Away from the ground, after a touch or to abort."""
+    PARK = 7
+    """On the way to an orbit, or in it."""
 
 
 @config

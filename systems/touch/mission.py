@@ -10,9 +10,9 @@
                                         a check fails: abort
 
 At home it begins anew if nothing has touched and tries are left. Before it there may be a TRANSIT,
-which another controller flies until it is at home. All is a function of what is known on board: the
-navigated state and its covariance, whether frames come, the head's switch, and which thrusters are
-found to have failed.
+which another controller flies until it is at home; after all of it PARK, which leads to an orbit.
+All is a function of what is known on board: the navigated state and its covariance, whether frames
+come, the head's switch, and which thrusters are found to have failed.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import Matrix3, SolverFailure, State, Vector3, config, number
+from proxops.systems.common import FAR, Matrix3, SolverFailure, State, Vector3, config, number
 from proxops.systems.hybrid import AgreementGate
 from proxops.systems.touch.descent import DescentGuidance, TouchPhase
 from proxops.systems.touch.descent_policy import DescentPolicy
 
+_ZERO = np.zeros(3)
 # Deviations that the navigated position and velocity are taken to be off by, at most.
 _SIGMAS = 4.0
 # The share of the thrust limit that an abort is sure of: thrusters of less force, and gravity.
@@ -35,6 +36,9 @@ _SURE = 0.9
 _BRAKING, _UNHURRIED = 100.0, 400.0
 # The least time in s of a plan to home: with less, noise would be flown.
 _LEAST = 50.0
+# It is parked where its velocity is off that of a round orbit by this share at most, and its
+# distance by this one. A free orbit is then between 0.8 and 1.3 of the radius.
+_SPEED_OFF, _DISTANCE_OFF = 0.05, 0.1
 
 
 class AbortReason(IntEnum):
@@ -91,6 +95,8 @@ class AwayConfig:
     high_m: float = number(40.0, above=0.0, at_most=1e6, unit="m")
     # The least speed of the way home, until it brakes. A faster one is kept: it is paid for.
     home_m_s: float = number(0.25, above=0.0, at_most=1e3, unit="m/s")
+    # Radius of an orbit to park in at last, steep to the equator; null: it rests at home.
+    park_m: float | None = number(None, above=0.0, at_most=FAR, unit="m")
 
 
 class Seen(NamedTuple):
@@ -190,7 +196,7 @@ class Mission:
             if TouchPhase.HOME < memory.phase < TouchPhase.CONTACT:
                 memory = self._aborted(memory, AbortReason.PLAN, seen.time)
             force = self._away_force(memory, seen.time)
-        target = self.guidance.target(memory.phase)
+        target = self._target(memory, seen.time)
         state = self._reckoned(memory.state, force, seen.time)
         return Step(memory._replace(state=state), force, target, stopping, by_policy)
 
@@ -221,7 +227,11 @@ class Mission:
                 return memory
             memory = memory._replace(phase=TouchPhase.HOME, since=time)
         phase = memory.phase
+        if phase is TouchPhase.PARK:
+            return memory
         if phase is TouchPhase.HOME:
+            if self._is_over(memory, seen) and self.away.park_m and self._at_home(memory):
+                return memory._replace(phase=TouchPhase.PARK, since=time)
             return self._begun(memory, seen) if self._may_begin(memory, seen) else memory
         if phase is TouchPhase.CONTACT:
             if time >= memory.begun + self.away.hold_s:
@@ -243,9 +253,13 @@ class Mission:
 
     def _may_begin(self, memory: Memory, seen: Seen) -> bool:
         """Whether a descent begins: it is at home, knows it, and there is one left."""
-        if memory.touched or memory.tries >= self.tries or seen.failed:
+        if self._is_over(memory, seen):
             return False
         return self._at_home(memory) and self._unsure(memory, seen) is AbortReason.NONE
+
+    def _is_over(self, memory: Memory, seen: Seen) -> bool:
+        """Whether no descent is left."""
+        return memory.touched or memory.tries >= self.tries or seen.failed
 
     def _at_home(self, memory: Memory) -> bool:
         off = memory.state - self.guidance.target(TouchPhase.HOME)
@@ -312,11 +326,14 @@ class Mission:
         """The force (3,) in N of a phase."""
         guidance, phase, state = self.guidance, memory.phase, memory.state
         if phase in (TouchPhase.CONTACT, TouchPhase.TRANSIT) or not memory.known:
-            return np.zeros(3)
+            return _ZERO
         if phase is TouchPhase.AWAY:
             return self._away_force(memory, time)
         if phase is TouchPhase.HOME:
             return self._home_force(memory, time)
+        if phase is TouchPhase.PARK:
+            velocity = self._orbit_velocity(memory.state, time)
+            return _ZERO if velocity is None else guidance.steady_force(time, state, velocity)
         if phase is TouchPhase.TERMINAL:
             return guidance.terminal_force(time, state)
         return guidance.force(time - memory.begun, state, memory.begun)
@@ -339,6 +356,36 @@ class Mission:
         left = 2.0 * far / max(speed, 1e-9)
         left = min(max(left, _LEAST), _UNHURRIED)
         return guidance.plan(state, guidance.target(TouchPhase.HOME), left, time)[0]
+
+    def _orbit_velocity(self, state: State, time: float) -> Vector3 | None:
+        """The velocity (3,) in m/s in K that leads to the orbit of parking; None: it is there.
+
+        It turns into a round orbit's at once, and rises or falls to its radius.
+        """
+        from proxops.systems.mapping import orbit_normal  # Slow to import, and few flights park.
+
+        radius, place = self.away.park_m, state[:3]
+        assert radius is not None
+        distance = float(np.linalg.norm(place))
+        turning, up = np.cross(self.guidance.spin.angular_velocity(time), place), place / distance
+        inertial = state[3:] + turning  # Along the axes of K.
+        pull = self.guidance.field.evaluate(place[None]).acceleration[0]
+        speed = float(np.sqrt(np.linalg.norm(pull) * distance))
+        round_orbit = speed * np.cross(orbit_normal(up, np.cross(place, inertial)), up)
+        off = radius - distance
+        near = np.linalg.norm(inertial - round_orbit) < _SPEED_OFF * speed
+        if near and abs(off) < _DISTANCE_OFF * radius:
+            return None
+        rise = min(max(off / _BRAKING, -self.away.home_m_s), self.away.home_m_s)
+        return round_orbit + rise * up - turning
+
+    def _target(self, memory: Memory, time: float) -> State:
+        """Where the phase leads (6,): home, the end of a leg, or on along the orbit of parking."""
+        if memory.phase is not TouchPhase.PARK:
+            return self.guidance.target(memory.phase)
+        if memory.known and self._orbit_velocity(memory.state, time) is None:
+            return memory.state
+        return self.guidance.target(TouchPhase.HOME)
 
     def _piloted(
         self, pilot: DescentPilot, memory: Memory, time: float

@@ -190,7 +190,7 @@ def test_a_policy_flies_the_legs(controller: str, share: float) -> None:
 
 
 @pytest.mark.slow
-def test_a_transit_comes_first() -> None:
+def test_a_transit_comes_first_and_an_orbit_last() -> None:
     """The hybrid flies it under assurance, and nothing of it counts once it is at home."""
     bennu = load_scenario("bennu")
     site = touch_site(low(), load_body("bennu"))
@@ -198,6 +198,7 @@ def test_a_transit_comes_first() -> None:
     scenario = low(
         **{
             "task.transit": True,
+            "task.away.park_m": 380.0,
             "task.descent.home_m": 60.0,
             "task.descent.checkpoint_m": 40.0,
             "task.descent.matchpoint_m": 20.0,
@@ -210,7 +211,7 @@ def test_a_transit_comes_first() -> None:
             "mpc.nominal_acceleration_m_s2": bennu.mpc.nominal_acceleration_m_s2,
             "mpc.min_horizon_s": bennu.mpc.min_horizon_s,
             "mpc.keep_out_margin_m": 5.0,
-            "arrival.deadline_s": 3000.0,
+            "arrival.deadline_s": 4000.0,
         }
     )
     log = fly(scenario, "hybrid")
@@ -219,6 +220,9 @@ def test_a_transit_comes_first() -> None:
     np.testing.assert_array_equal(data["state"].values[0], [*start, 0.02, 0.0, 0.01])
     assert found["success"]
     assert phases[0] == TouchPhase.TRANSIT
+    assert phases[-1] == TouchPhase.PARK
+    assert found["parked_m"] == pytest.approx(380.0, abs=40.0)
+    assert not data["force"].values[-10:].any()
     steps = np.flatnonzero(phases != TouchPhase.TRANSIT)[0]
     assert (phases[steps:] >= TouchPhase.HOME).all()
     assert found["mpc_solves"] <= steps

@@ -30,7 +30,7 @@ from proxops.diagrams.surveys.survey_files import (
     true_in,
     visit_scenario,
 )
-from proxops.diagrams.surveys.survey_flight import survey_world
+from proxops.diagrams.surveys.survey_flight import around_of, survey_world
 from proxops.systems.common import InputError
 from proxops.systems.shapes import Polyhedron
 from proxops.systems.vehicle import SunlightConfig, sun_direction
@@ -147,6 +147,25 @@ def test_a_mission_may_end_with_a_transit(
     assert after.transit.goal_m is not None
     np.testing.assert_allclose(after.transit.goal_m, drawn.goal)
     assert after.transit.start_m == handed_over.after.transit.start_m
+
+
+def test_a_mission_may_park_in_the_end(
+    handed_over: HandedOver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In an orbit as high as the survey's, which leads by the ellipsoid that is known."""
+    phases = ["survey", "transit", "touch_and_go", "park"]
+    scenario, given = load_scenario("bennu_mission", {"task.phases": phases}), []
+
+    def survey(*asked: Any) -> Any:
+        given.append(asked[-1])
+        raise InputError("enough")
+
+    monkeypatch.setattr(mission, "run_survey", survey)
+    body = load_body("bennu")
+    with pytest.raises(InputError, match="enough"):
+        begin_mission(scenario, body, tmp_path)
+    assert given[0].task.away.park_m == around_of(parts_of(scenario)[0], body).radius
+    assert scenario.task.touch.away.park_m is None
 
 
 def test_phases_that_no_mission_has() -> None:

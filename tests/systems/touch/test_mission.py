@@ -5,12 +5,14 @@ import pytest
 from even_field import EvenField
 from scipy.integrate import solve_ivp
 
+from proxops.systems.gravity import PointMassField
 from proxops.systems.hybrid import AgreementGate
 from proxops.systems.rotation import SteadySpin
 from proxops.systems.touch.descent import DescentGuidance, Site, TouchPhase
 from proxops.systems.touch.descent_policy import DescentPolicy
 from proxops.systems.touch.mission import (
     AbortReason,
+    AwayConfig,
     DescentPilot,
     Memory,
     Mission,
@@ -250,3 +252,46 @@ def test_the_memory_is_kept_whole() -> None:
     np.testing.assert_array_equal(again.state, kept.state)
     assert again._replace(state=0) == kept._replace(state=0)
     assert type(again.phase) is TouchPhase
+
+
+@pytest.mark.parametrize("latitude", [0.0, 40.0, 90.0])
+def test_it_parks_in_an_orbit_that_stays(latitude: float) -> None:
+    """From rest at home on a body that turns; a free flight in N afterwards, by DOP853."""
+    rate, radius, gm = 4e-4, 600.0, 5.0
+    up = np.array([np.cos(np.radians(latitude)), 0.0, np.sin(np.radians(latitude))])
+    field, spin = PointMassField(gm / 6.6743e-11), SteadySpin([0.0, 0.0, rate])
+    made = Mission(
+        DescentGuidance(field, spin, MASS, THRUST, Site(250.0 * up, up)),
+        PERIOD,
+        away=AwayConfig(park_m=radius),
+    )
+    memory, state, time = Memory(touched=True), np.r_[375.0 * up, np.zeros(3)], 0.0
+    while time < 4000.0:
+        step = made.step(memory, seen(time, state))
+        memory, time = step.memory, time + PERIOD
+        fine = 0.1
+        for _ in range(round(PERIOD / fine)):
+            push = made.guidance.natural_acceleration(state, time) + step.force / MASS
+            state = np.r_[state[:3] + fine * state[3:], state[3:] + fine * push]
+    assert memory.phase is TouchPhase.PARK
+    assert not step.force.any()
+    np.testing.assert_array_equal(step.target, seen(time, step.target).state)
+    inertial = state[3:] + np.cross([0.0, 0.0, rate], state[:3])
+    free = solve_ivp(
+        lambda _, y: np.r_[y[3:], -gm * y[:3] / np.linalg.norm(y[:3]) ** 3],
+        (0.0, 1e5), np.r_[state[:3], inertial], "DOP853", rtol=1e-10, atol=1e-6,
+    )  # fmt: skip
+    far = np.linalg.norm(free.y[:3], axis=0)
+    assert 0.8 * radius < far.min() < far.max() < 1.3 * radius
+    # At least 60 degrees to the equator.
+    momentum = np.cross(state[:3], inertial)
+    assert abs(momentum[2]) < 0.55 * np.linalg.norm(momentum)
+
+
+def test_it_does_not_park_while_a_descent_is_left() -> None:
+    made = mission(tries=2)
+    made.away.park_m = 600.0
+    home = made.guidance.target(TouchPhase.HOME)
+    unsure = seen(0.0, home)._replace(covariance=np.eye(6))
+    for tries, phase in ((1, TouchPhase.HOME), (2, TouchPhase.PARK)):
+        assert made.step(Memory(tries=tries), unsure).memory.phase is phase
