@@ -89,7 +89,7 @@ class LidarWithMoons(Lidar):
 
     def _may_meet(self, place: Vector3, radius: float) -> bool:
         """Whether a ray within reach may meet a ball, from a place (3,) in m from it, along S."""
-        away = float(np.linalg.norm(place))
+        away = math.hypot(*place.tolist())
         if away - radius > self.geometry.max_range:
             return False
         if away <= radius:

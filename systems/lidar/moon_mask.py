@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +10,6 @@ from pydrake.systems.framework import LeafSystem
 
 from proxops.systems.common import (
     Values,
-    Vector3,
     check_positive,
     kernel,
     rotation_matrix,
@@ -30,9 +30,6 @@ def stretch_of_the_moon(along: Values, away: float, radius: float, body: float) 
       away: distance in m from body to moon. radius: of the ball about the moon, in m.
       body: radius in m of the ball about the body.
     """
-    first = float(along.min())
-    if along.max() - first <= 2.0 * body:  # All lie in the body's.
-        return first + body + away - radius
     order = np.sort(along)
     # Places of the body's centre at which one of the stretches begins at a return.
     centres = np.concatenate([order + body, order - away + radius])
@@ -93,18 +90,23 @@ class MoonMask(LeafSystem):
         rotation = np.eye(3)
         if self._attitude_port.HasValue(context):
             rotation = rotation_matrix(self._attitude_port.Eval(context))
+        rays = np.flatnonzero(ranges < np.inf)
+        points = self.directions[rays] * ranges[rays, None]
         for moon in self.moons:
             place = moon_position(moon, context.get_time(), self.spin)
-            away = float(np.linalg.norm(place))
-            if away - moon.radius_m > self.body:
-                self._blank(ranges, rotation.T @ place / away, away, moon.radius_m)
+            away = math.hypot(*place.tolist())
+            along = points @ (rotation.T @ place / away)
+            # Where all may lie in the body's stretch, no moon is seen.
+            spread = along.max() - along.min() if along.size else 0.0
+            if away - moon.radius_m > self.body and spread > 2.0 * self.body:
+                self._blank(ranges, rays, along, away, moon.radius_m)
         output.SetFromVector(ranges)
 
-    def _blank(self, ranges: Values, line: Vector3, away: float, radius: float) -> None:
-        """Blanks in place the returns of a moon, along a unit vector (3,) in S from the body."""
-        trusted = with_neighbours(ranges, self.geometry.planes, self.body)
-        rays = np.flatnonzero(np.isfinite(ranges))
-        along, sure = ranges[rays] * (self.directions[rays] @ line), trusted[rays]
+    def _blank(
+        self, ranges: Values, rays: Values, along: Values, away: float, radius: float
+    ) -> None:
+        """Blanks in place the returns of a moon, of rays (K,) that lie `along` (K,) its line."""
+        sure = with_neighbours(ranges, self.geometry.planes, self.body)[rays]
         if sure.any():
             low = stretch_of_the_moon(along[sure], away, radius, self.body)
             # Rays at the limb that are not trusted may lie beside the stretch, in the gap.

@@ -219,6 +219,11 @@ class TorqueFreeSpin:
         return attitude, _read_only(np.array(rate)), _read_only(np.array(change))
 
     @cached_property
+    def _turn(self) -> float:
+        """The time in s of one turn at the rate of the start."""
+        return 2.0 * math.pi / float(np.linalg.norm(self.rate))
+
+    @cached_property
     def period(self) -> float:
         """The time in s after which w in K is the same again; inf if it stays."""
         motion = self._motion
@@ -238,7 +243,7 @@ class TorqueFreeSpin:
 
     def errors(self, time: float, step: float) -> SpinErrors:
         """What an error of w at time 0 does over a step of s about a time."""
-        rounds = abs(time + step) * float(np.linalg.norm(self.rate)) / (2.0 * math.pi)
+        rounds = abs(time + step) / self._turn
         path = self._error_path(max(0, math.ceil(math.log2(max(rounds, 1.0)))))
         before, now, after = path(time + step * np.array([-0.5, 0.0, 0.5]))
         rate, turn = now[:9].reshape(3, 3), ((after - before)[9:] / step).reshape(3, 3)
@@ -265,7 +270,7 @@ class TorqueFreeSpin:
             return np.concatenate([change.ravel(), (rate - cross_matrix(w) @ turn).ravel()])
 
         turns = 2 ** (doublings + 1)
-        end = turns * 2.0 * math.pi / float(np.linalg.norm(self.rate))
+        end = turns * self._turn
         knots = np.linspace(0.0, end, _KNOTS * turns + 1)
         start = np.concatenate([np.eye(3).ravel(), np.zeros(9)])
         found = solve_ivp(

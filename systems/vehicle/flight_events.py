@@ -137,6 +137,10 @@ class FlightEvents:
         self._regions = _Regions(self._around, float(radius), float(speed))
         self._caster = ray_caster(field.shape)
         self._moons, self._spin = moons, spin
+        # Nearer to the body than this, in m, no moon's ball ever is.
+        nearest = [m.semi_major_axis_m * (1.0 - m.eccentricity) - m.radius_m
+                   for m in (moon.config for moon in moons)]  # fmt: skip
+        self._moonless = min(nearest, default=math.inf)
 
     def is_in_body(self, position: Vector3) -> bool:
         """Whether a position (3,) in m lies inside the true mesh."""
@@ -154,8 +158,9 @@ class FlightEvents:
         outcome = outcome.copy()
         start, end = path.states
         outside = outcome[ENTERED_GOAL] >= NEVER
-        for moon in self._moons:
-            self._pass(outcome, moon, path)
+        if max(math.hypot(*start[:3]), math.hypot(*end[:3])) >= self._moonless:
+            for moon in self._moons:
+                self._pass(outcome, moon, path)
         one = start[None], end[None], path.targets[1:]
         if outside and self._quiet(*one, path.span)[0]:
             return outcome

@@ -209,6 +209,8 @@ class Sunlight(LeafSystem):
         check_positive("Sunlight", period=period)
         self.settings = at_its_distance(settings)
         self.shape, self.spin, self.mass = shape, spin, mass
+        is_fixed = settings.kernels is None and settings.year_days is None
+        self._fixed = sun_direction(0.0, settings) if is_fixed else None
         self.axis_point = finite_vector("Sunlight", "axis_point", axis_point)
         self.facets = facets
         self._position_port = self.DeclareVectorInputPort("position", 3)
@@ -250,8 +252,8 @@ class Sunlight(LeafSystem):
 
     def direction(self, time: float) -> Vector:
         """Unit vector to the Sun in K at a time in s."""
-        back = quaternion_inverse(self.spin.attitude(time))
-        return rotated(back, sun_direction(time, self.settings))
+        to_sun = self._fixed or sun_direction(time, self.settings)
+        return rotated(quaternion_inverse(self.spin.attitude(time)), to_sun)
 
     def _shadow(self, context) -> np.ndarray:
         """1 where the body hides the Sun, else 0."""
@@ -284,5 +286,5 @@ class Sunlight(LeafSystem):
         if not context.get_discrete_state_vector()[0]:
             mass = self._mass_port.Eval(context)[0] if self.mass is None else self.mass
             push = light_acceleration(self.settings, float(mass))
-        a, b, c = (t - push * s for t, s in zip(tide, direction, strict=True))
-        return a, b, c
+        (a, b, c), (u, v, w) = tide, direction
+        return a - push * u, b - push * v, c - push * w
