@@ -8,7 +8,7 @@ A page has the place of a table between two lines:
 What lies between the lines is replaced. `FILE` is one of
 
 * `results.json`: docs/results.json, the campaigns of `proxops reproduce`. `NAME` is a campaign, or
-  `bodies` (all campaigns at bodies that the policy never saw), `front` (the paper beside us in four
+  `bodies` (all campaigns at bodies that the policy never saw), `front` (the paper beside us in five
   lines), `headline` (the most telling line of each), `steps` (how long controllers compute),
   `versions` (by what they were flown), `paper` (the paper's figures and ours) or
   `paper-controllers` (who flew in the paper's setting). Of a campaign that is not there, the page
@@ -391,7 +391,7 @@ def _headline(results: Mapping[str, Any]) -> str:
 
 
 def _front(results: Mapping[str, Any]) -> str:
-    """The paper beside us in four lines, for the first page."""
+    """The paper beside us in five lines, for the first page."""
     found = _results(results["campaigns"], "flagship").get("hybrid, assured")
     if results["paper"] is None or found is None:
         return _missing(results, ["paper", "flagship"])
@@ -407,6 +407,8 @@ def _front(results: Mapping[str, Any]) -> str:
     lines[0][1] = told["pure policy, paper's recipe"]["paper"]
     of_all = f"{_successes(found)} ({_interval(found)})"
     lines.append(["hybrid on lidar navigation, a drawn world for each flight", "–", of_all])
+    missions = json.loads(MEASURED.read_text(encoding="utf-8"))["missions-alone"]["columns"][0]
+    lines.append(["from first sight of Bennu to a touch, on a map of its own", "–", missions])
     return _table(["", "paper", "ours"], lines)
 
 

@@ -8,12 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from proxops.systems.common import (
-    Values,
-    check_positive,
-    kernel,
-    rotation_matrix,
-)
+from proxops.systems.common import Values, check_positive, kernel, rotation_matrix
 from proxops.systems.gravity import MoonConfig, moon_position
 from proxops.systems.lidar.lidar_geometry import LidarGeometry
 from proxops.systems.rotation import Spin, spin_model
