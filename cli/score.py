@@ -20,7 +20,7 @@ from proxops.diagrams.flight import Workers, controller_label
 
 def score_command(
     track: Annotated[
-        str, typer.Argument(help="state, lidar, lidar-after-survey, touch, or a file.")
+        str, typer.Argument(help="state, lidar, lidar-after-survey, touch, mission, or a file.")
     ],
     controller: Annotated[
         str, typer.Option(help="mpc, policy[:BUNDLE], hybrid[:BUNDLE], …, or MODULE:FACTORY.")

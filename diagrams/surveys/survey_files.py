@@ -20,6 +20,7 @@ from proxops.diagrams.scenario import (
     dispersion_entries,
     dump_changes,
     expected_of,
+    survey_errors,
 )  # fmt: skip
 from proxops.diagrams.surveys.survey_flight import SurveyFlight
 from proxops.diagrams.yaml_files import write_yaml
@@ -164,6 +165,7 @@ def expected_entries(
     entries.pop("spacecraft.mass_kg", None)  # Known on the day.
     entries.pop("lidar.noise_std_m", None)
     size, source = float(made.shape.extents.max()), "the survey's covariance and residuals"
+    mounting = survey_errors(scenario, body).mounting
 
     def normal(mean: float, sigma: float) -> dict[str, object]:
         return {"normal": mean, "three_sigma": float(3.0 * sigma), "source": source}
@@ -179,7 +181,8 @@ def expected_entries(
         "truth.gravity": normal(1.0, max(uncertainty.gravity, _LEAST["gravity"])),
         "truth.pole_deg": normal(0.0, max(np.degrees(uncertainty.pole), _LEAST["pole"])),
         "truth.spin": normal(1.0, max(uncertainty.rate, _LEAST["spin"])),
-        "truth.phase_deg": normal(0.0, 0.02),
+        # The map is turned about z by the star tracker's constant error, and takes that along.
+        "truth.phase_deg": normal(0.0, math.hypot(0.02, math.degrees(mounting))),
         "truth.density_contrast": normal(0.0, min(max(contrast, _LEAST["contrast"]), 0.3)),
         "truth.surface_rms_m": {
             "half_normal": 0.0, "three_sigma": rough,

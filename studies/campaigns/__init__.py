@@ -25,7 +25,7 @@ from proxops.studies.campaigns.table import (
     all_campaigns,
     campaign_name,
 )
-from proxops.studies.campaigns.tasks import fly_tasks, makes_a_map
+from proxops.studies.campaigns.tasks import TaskRun, fly_runs, fly_tasks, makes_a_map
 from proxops.studies.campaigns.variants import (
     Logs,
     Variant,
@@ -49,6 +49,7 @@ __all__ = [
     "Logs",
     "Stage",
     "Stages",
+    "TaskRun",
     "Variant",
     "all_campaigns",
     "campaign_name",
@@ -58,6 +59,7 @@ __all__ = [
     "flown_campaign",
     "fly_campaign",
     "fly_logs",
+    "fly_runs",
     "fly_tasks",
     "fly_variants",
     "load_logs",

@@ -121,14 +121,20 @@ def fly_tasks(
             TaskRun(name, of_transit(changed, seed, k), each.controller, (folder / name).resolve())
             for k, name in enumerate(names)
         ]
-    found: dict[str, Row] = {}
     pieces = [run for group in runs.values() for run in group]
+    rows = iter(fly_runs(pieces, workers))
+    return {name: [next(rows) for _ in group] for name, group in runs.items()}
+
+
+def fly_runs(pieces: Sequence[TaskRun], workers: Workers = Workers()) -> list[Row]:
+    """Flies surveys or missions of different names; gives their rows in order: see `fly_tasks`."""
+    found: dict[str, Row] = {}
     for name, row in workers.results(pieces, TaskRun.row):
         found[name] = row
         good = sum(row["success"] for row in found.values())
         text = f"{len(found)} of {len(pieces)}, {len(found) - good} without success"
         workers.progress(len(found) / len(pieces), text)
-    return {name: [found[run.name] for run in group] for name, group in runs.items()}
+    return [found[run.name] for run in pieces]
 
 
 def _survey_row(surveyed: Surveyed) -> dict[str, typing.Any]:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from proxops.diagrams.flight import Row, Workers, run_campaign
+from proxops.studies.campaigns import TaskRun, fly_runs, makes_a_map
 from proxops.studies.figures import exact_interval
 from proxops.studies.scoring.track import Track
 from proxops.systems.common import InputError, write_json
@@ -33,12 +34,14 @@ class Outcome:
     @classmethod
     def of(cls, row: Row) -> Outcome:
         """Of a flight's summary, with the digits that are kept."""
+        if "ended_early" in row:  # A mission whose survey saw too little, or that found no place.
+            return cls(False, False, 0, 0.0, 0.0, None)
         time, touches = row["arrival_time_s"], "touched" in row
         return cls(
             row["success"],
             row["collided"],
             int(not row["safe"]) if touches else row["keep_out_violations"],
-            round(row["delta_v_m_s"], 4),
+            round(row.get("mission_delta_v_m_s", row["delta_v_m_s"]), 4),
             round(row.get("touch_miss_m") or row["terminal_position_error_m"], 2),
             None if time is None else round(time, 1),
         )
@@ -140,7 +143,14 @@ def score(
       InputError: a world of the track cannot be flown; or see `Track.flights` and `run_campaign`.
     """
     flights = track.flights(controller, settings)
-    rows = run_campaign(flights, folder, workers=workers)
+    if makes_a_map(flights[0].scenario):
+        where = folder.resolve()
+        runs = [
+            TaskRun(each.name, each.scenario, controller, where / each.name) for each in flights
+        ]
+        rows = fly_runs(runs, workers)
+    else:
+        rows = run_campaign(flights, folder, workers=workers)
     for row in rows:
         if "unflyable" in row:
             raise InputError(

@@ -9,13 +9,18 @@ import typing
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from proxops import assets
 from proxops.diagrams.flight import Flight, body_sha256, controller_label, provenance
 from proxops.diagrams.scenario import (
+    MissionConfig,
     Scenario,
     World,
     change_scenario,
+    dispersed_values,
     dotted_leaves,
+    draw_world,
     dump_scenario,
     load_body,
     of_transit,
@@ -30,6 +35,7 @@ TRACKS = {
     "lidar": "7751fd493a54c651e4340df68bedcf2e8162b124407db26d1baa8bfe58edffd5",
     "lidar-after-survey": "729d24d3b02bed96a29b7f32fd81e17887357875a7e6523913ac68b2a32a4f85",
     "touch": "41ad3bb6f14a4158730fef912e10d09b11ee597b1078074b9c30e26013b45748",
+    "mission": "9b72ce00619f28662083831d04b21c72817f311a748e222956ca70d6bb11946d",
 }
 """The tracks that ship, and the SHA-256 of each."""
 ON_BOARD = ("mpc", "policy", "hybrid")
@@ -52,6 +58,9 @@ class Track:
     expert_delta_v_m_s: Sequence[float | None]
     """Δv in m/s of the MPC in each transit, which `with_expert` tells; None: it did not succeed.
     Empty: it was not flown."""
+    drawn: Sequence[Mapping[str, typing.Any]] = ()
+    """Of missions, whose survey is told the dispersions, what these draw: values by dotted keys.
+    Empty: the changes hold them, and nothing is drawn."""
 
     @property
     def sha256(self) -> str:
@@ -66,8 +75,8 @@ class Track:
           settings: texts `key=value` that change the spacecraft's own software.
 
         Raises:
-          InputError: a setting is of something else; the body is not that of the track; or see
-            `change_scenario` and `provenance`.
+          InputError: a setting is of something else; the body is not that of the track; this
+            version draws other worlds; or see `change_scenario` and `provenance`.
         """
         for setting in settings:
             part = setting.partition("=")[0].partition(".")[0]
@@ -84,7 +93,7 @@ class Track:
             )
         origin = provenance(first, body, controller)
         stem = controller_label(controller)
-        return [
+        flights = [
             Flight(
                 f"{stem}-{number:05d}",
                 change_scenario(first, change),
@@ -93,19 +102,30 @@ class Track:
             )
             for number, change in enumerate(self.changes)
         ]
+        for flight, told in zip(flights, self.drawn, strict=False):
+            if not _are_alike(dispersed_values(draw_world(flight.scenario, body)), told):
+                raise InputError(
+                    f"track {self.name}: this version of proxops draws other worlds than the one "
+                    "that made the track"
+                )
+        return flights
 
 
 def draw_track(name: str, scenario: Scenario, seed: int, count: int) -> Track:
     """Draws transits 0 … count - 1 of a seed, and their worlds, to be written down."""
     body = load_body(scenario.body)
-    worlds = []
+    worlds, drawn = [], []
     for index in range(count):
-        world = World.of(of_transit(scenario, seed, index), body)
-        ends = world.transit
-        worlds.append(dump_scenario(with_ends(world.scenario, ends.start, ends.goal)))
+        one = of_transit(scenario, seed, index)
+        if isinstance(scenario.task, MissionConfig):
+            drawn.append(dispersed_values(draw_world(one, body)))
+        else:
+            world = World.of(one, body)
+            one = with_ends(world.scenario, world.transit.start, world.transit.goal)
+        worlds.append(dump_scenario(one))
     first, *_ = trees = [dict(dotted_leaves(parse_mapping(world, name))) for world in worlds]
     changes = [{key: tree[key] for key in tree if tree[key] != first[key]} for tree in trees]
-    return Track(name, worlds[0], body_sha256(body), changes, [])
+    return Track(name, worlds[0], body_sha256(body), changes, [], drawn or ())
 
 
 def load_track(name: str) -> Track:
@@ -127,7 +147,7 @@ def load_track(name: str) -> Track:
     changes, taken = track.changes, track.expert_delta_v_m_s
     whole = isinstance(track.scenario, str) and isinstance(changes, list) and changes
     whole = whole and all(isinstance(each, dict) for each in changes) and isinstance(taken, list)
-    whole = whole and len(taken) in (0, len(changes))
+    whole = whole and all(len(each) in (0, len(changes)) for each in (taken, track.drawn))
     if not whole or any(not isinstance(each, int | float | None) for each in taken):
         raise InputError(
             f"{path} is not a track: it needs a scenario's text, a list of changes, and as many Δv "
@@ -141,6 +161,13 @@ def load_track(name: str) -> Track:
     return track
 
 
+def _are_alike(found: Mapping[str, typing.Any], told: Mapping[str, typing.Any]) -> bool:
+    """Whether two worlds are the same but for last bits, in which processors differ."""
+    return found.keys() == told.keys() and all(
+        np.allclose(found[key], told[key], rtol=1e-9, atol=0.0) for key in told
+    )
+
+
 def save_track(track: Track, path: Path) -> None:
     """Writes a track as a JSON file."""
     write_whole(path, lambda name: name.write_text(_text(track), encoding="utf-8"))
@@ -150,4 +177,6 @@ def _text(track: Track) -> str:
     """The JSON of a track, with one line for each transit; its hash is that of this text."""
     parts = {key: json.dumps(value) for key, value in dc.asdict(track).items()}
     parts["changes"] = "[\n" + ",\n".join(map(json.dumps, track.changes)) + "\n]"
+    if not track.drawn:
+        del parts["drawn"]
     return "{\n" + ",\n".join(f"{json.dumps(k)}: {text}" for k, text in parts.items()) + "\n}\n"

@@ -12,6 +12,7 @@ from scipy.stats import beta
 
 from proxops.diagrams.flight import Flight, Workers, fly
 from proxops.diagrams.scenario import load_scenario, of_transit
+from proxops.studies.campaigns import TaskRun
 from proxops.studies.scoring import (
     TRACKS,
     ScoreRow,
@@ -67,17 +68,17 @@ def values(flight: Flight) -> dict[str, object]:
 @pytest.mark.parametrize("name", TRACKS)
 def test_tracks_are_what_was_drawn(name: str) -> None:
     """Today's code still draws their first transits; should it not, the tracks stay as they are."""
-    track, many = load_track(name), 40 if name == "touch" else 200
+    track, many = load_track(name), {"touch": 40, "mission": 20}.get(name, 200)
     assert (track.name, track.sha256, len(track.changes)) == (name, TRACKS[name], many)
     of_track = {"lidar-after-survey": "after_survey", "touch": "touch_and_go"}
     settings: dict[str, Any] = {"log_ranges": False}
     if name in of_track:
         settings["dispersions"] = of_track[name]
-    file = "bennu_touch_and_go" if name == "touch" else None
+    file = {"touch": "bennu_touch_and_go", "mission": "bennu_mission"}.get(name)
     given = load_scenario(file, settings, on_true_state=name == "state")
     drawn = draw_track(name, given, SEED, 2)
     assert drawn.body_sha256 == track.body_sha256
-    kept = dc.replace(track, changes=track.changes[:2])
+    kept = dc.replace(track, changes=track.changes[:2], drawn=track.drawn[:2])
     for one, other in zip(drawn.flights("zero"), kept.flights("zero"), strict=True):
         expected = values(other)
         # Since 1.14 a rigid spacecraft is told its star tracker's error, since 1.15 its noise, and
@@ -93,6 +94,34 @@ def test_tracks_are_what_was_drawn(name: str) -> None:
         told = {key: expected[key] for key in keys}
         assert values(one) | told == pytest.approx(expected)
     assert len({json.dumps(change, sort_keys=True) for change in track.changes}) == many
+
+
+def test_a_mission_draws_what_is_written_down(tmp_path: Path) -> None:
+    track = load_track("mission")
+    drawn = [{**track.drawn[0], "truth.gravity": 1.0}, *track.drawn[1:]]
+    with pytest.raises(InputError, match="this version of proxops draws other worlds"):
+        dc.replace(track, drawn=drawn).flights("hybrid")
+    save_track(track, tmp_path / "mission.json")
+    assert load_track(str(tmp_path / "mission.json")) == track
+
+
+def test_a_row_of_missions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that touched, and one whose survey saw too little."""
+    flown = {"success": True, "collided": False, "touched": True, "safe": True}
+    flown |= {"delta_v_m_s": 2.5, "mission_delta_v_m_s": 2.6, "touch_miss_m": 0.3}
+    flown |= {"arrival_time_s": 5000.0, "terminal_position_error_m": 1.0}
+    early = {"success": False, "ended_early": "the survey saw 60 % of the surface"}
+
+    def row(run: TaskRun) -> dict[str, Any]:
+        return {"transit": run.scenario.transit.index, **(early if run.name[-1] == "1" else flown)}
+
+    monkeypatch.setattr(TaskRun, "row", row)
+    track = load_track("mission")
+    short = dc.replace(track, changes=track.changes[:2], drawn=track.drawn[:2])
+    found = score(short, "hybrid", tmp_path, workers=Workers(1)).flights
+    assert found == [
+        Outcome(True, False, 0, 2.6, 0.3, 5000.0), Outcome(False, False, 0, 0.0, 0.0, None)
+    ]  # fmt: skip
 
 
 def test_flights_are_those_of_the_seed(brief: Track, tmp_path: Path) -> None:
