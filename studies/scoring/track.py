@@ -35,7 +35,7 @@ TRACKS = {
     "lidar": "7751fd493a54c651e4340df68bedcf2e8162b124407db26d1baa8bfe58edffd5",
     "lidar-after-survey": "729d24d3b02bed96a29b7f32fd81e17887357875a7e6523913ac68b2a32a4f85",
     "touch": "41ad3bb6f14a4158730fef912e10d09b11ee597b1078074b9c30e26013b45748",
-    "mission": "9b72ce00619f28662083831d04b21c72817f311a748e222956ca70d6bb11946d",
+    "mission": "de8e4c779ab87c43d9045318c5adea4036c93cef809f3a652ecc3e8988dd8f4d",
 }
 """The tracks that ship, and the SHA-256 of each."""
 ON_BOARD = ("mpc", "policy", "hybrid")

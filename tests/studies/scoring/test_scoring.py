@@ -180,7 +180,7 @@ def test_what_the_mpc_took_is_what_its_row_says(name: str) -> None:
     row = load_row(ROOT / "docs" / "benchmark" / f"{name}-mpc.json")
     found = with_expert(track, row)
     kept = list(track.expert_delta_v_m_s)
-    if name != "touch":
+    if name not in ("touch", "mission"):
         assert kept[181] is None
         kept[181] = found.expert_delta_v_m_s[181]
     assert found.expert_delta_v_m_s == kept
