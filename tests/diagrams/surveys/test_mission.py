@@ -165,6 +165,7 @@ def test_a_mission_may_park_in_the_end(
     with pytest.raises(InputError, match="enough"):
         begin_mission(scenario, body, tmp_path)
     assert given[0].task.away.park_m == around_of(parts_of(scenario)[0], body).radius
+    assert isinstance(scenario.task, MissionConfig)
     assert scenario.task.touch.away.park_m is None
 
 

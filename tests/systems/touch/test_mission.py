@@ -265,17 +265,17 @@ def test_it_parks_in_an_orbit_that_stays(latitude: float) -> None:
         PERIOD,
         away=AwayConfig(park_m=radius),
     )
-    memory, state, time = Memory(touched=True), np.r_[375.0 * up, np.zeros(3)], 0.0
-    while time < 4000.0:
-        step = made.step(memory, seen(time, state))
-        memory, time = step.memory, time + PERIOD
+    state = np.r_[375.0 * up, np.zeros(3)]
+    step = made.step(Memory(touched=True), seen(0.0, state))
+    for time in np.arange(0.0, 4000.0, PERIOD):
+        step = made.step(step.memory, seen(time, state))
         fine = 0.1
         for _ in range(round(PERIOD / fine)):
             push = made.guidance.natural_acceleration(state, time) + step.force / MASS
             state = np.r_[state[:3] + fine * state[3:], state[3:] + fine * push]
-    assert memory.phase is TouchPhase.PARK
+    assert step.memory.phase is TouchPhase.PARK
     assert not step.force.any()
-    np.testing.assert_array_equal(step.target, seen(time, step.target).state)
+    np.testing.assert_allclose(step.target[:3], state[:3], atol=1.0)
     inertial = state[3:] + np.cross([0.0, 0.0, rate], state[:3])
     free = solve_ivp(
         lambda _, y: np.r_[y[3:], -gm * y[:3] / np.linalg.norm(y[:3]) ** 3],
