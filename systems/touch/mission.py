@@ -196,7 +196,7 @@ class Mission:
             if TouchPhase.HOME < memory.phase < TouchPhase.CONTACT:
                 memory = self._aborted(memory, AbortReason.PLAN, seen.time)
             force = self._away_force(memory, seen.time)
-        target = self._target(memory, seen.time)
+        target = self._target(memory, force)
         state = self._reckoned(memory.state, force, seen.time)
         return Step(memory._replace(state=state), force, target, stopping, by_policy)
 
@@ -379,11 +379,11 @@ class Mission:
         rise = min(max(off / _BRAKING, -self.away.home_m_s), self.away.home_m_s)
         return round_orbit + rise * up - turning
 
-    def _target(self, memory: Memory, time: float) -> State:
+    def _target(self, memory: Memory, force: Vector3) -> State:
         """Where the phase leads (6,): home, the end of a leg, or on along the orbit of parking."""
         if memory.phase is not TouchPhase.PARK:
             return self.guidance.target(memory.phase)
-        if memory.known and self._orbit_velocity(memory.state, time) is None:
+        if memory.known and not force.any():  # It is there.
             return memory.state
         return self.guidance.target(TouchPhase.HOME)
 

@@ -140,7 +140,7 @@ class FlightEvents:
         # Nearer to the body than this, in m, no moon's ball ever is.
         nearest = [m.semi_major_axis_m * (1.0 - m.eccentricity) - m.radius_m
                    for m in (moon.config for moon in moons)]  # fmt: skip
-        self._moonless = min(nearest, default=math.inf)
+        self._moonless = max(0.0, min(nearest, default=math.inf))
 
     def is_in_body(self, position: Vector3) -> bool:
         """Whether a position (3,) in m lies inside the true mesh."""
@@ -158,11 +158,8 @@ class FlightEvents:
         outcome = outcome.copy()
         start, end = path.states
         outside = outcome[ENTERED_GOAL] >= NEVER
-        if max(math.hypot(*start[:3]), math.hypot(*end[:3])) >= self._moonless:
-            for moon in self._moons:
-                self._pass(outcome, moon, path)
         one = start[None], end[None], path.targets[1:]
-        if outside and self._quiet(*one, path.span)[0]:
+        if outside and self.nothing_happens(*one, path.span)[0]:
             return outcome
         self._follow(outcome, path)
         if self._violates(start, end, path.span):
@@ -170,6 +167,8 @@ class FlightEvents:
         blocked = blocks_segment(self._around, start[:3], end[:3])
         if blocked and self._hits_body(start[:3], end[:3]):
             outcome[COLLIDED] = 1.0
+        for moon in self._moons:
+            self._pass(outcome, moon, path)
         return outcome
 
     def _pass(self, outcome: np.ndarray, moon: Moon, path: FlownPath) -> None:
@@ -185,21 +184,18 @@ class FlightEvents:
     def nothing_happens(self, starts: States, ends: States, targets: States, span: float) -> Values:
         """Which of many paths (N,), bool, surely leave an outcome outside the goal region as it is.
 
-        Such a path ends outside the goal region, far from the ellipsoid. Of others it says False,
-        and of all where there are moons.
+        Such a path ends outside the goal region, far from the ellipsoid, and is nearer to the body
+        than any moon. Of others it says False.
 
         Args:
           starts, ends: (N, 6) states in m and m/s. targets: (N, 6), at the end.
           span: how long the paths take, in s.
         """
-        if self._moons:
-            return np.zeros(len(starts), dtype=bool)
-        return self._quiet(starts, ends, targets, span)
-
-    def _quiet(self, starts: States, ends: States, targets: States, span: float) -> Values:
-        """See `nothing_happens`: at the body alone."""
         quiet = np.empty(len(starts), dtype=bool)
         _find_uneventful(starts, ends, targets, span, self._regions, quiet)
+        if self._moons:
+            for places in (starts[:, :3], ends[:, :3]):
+                quiet &= np.einsum("ni,ni->n", places, places) < self._moonless**2
         return quiet
 
     def _level(self, error: np.ndarray) -> float:

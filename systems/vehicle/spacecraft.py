@@ -98,15 +98,16 @@ def _set_constants(craft, mass: float, spin, axis_point) -> None:
     craft.axis_point = finite_vector("Spacecraft", "axis_point", axis_point)
     craft.about_z = False
     if spin is None:
-        craft.spin = None
+        craft.spin = craft.rate = None
         return
     if np.ndim(spin) > 0:
-        craft.spin = finite_vector("Spacecraft", "spin", spin)
+        craft.spin = craft.rate = finite_vector("Spacecraft", "spin", spin)
         return
     check_type("Spacecraft", float, spin=spin)
     if not abs(spin) < LARGEST:
         raise InputError(f"the spin must be finite, got {spin} rad/s")
     craft.spin, craft.about_z = float(spin), not any(craft.axis_point)
+    craft.rate = (0.0, 0.0, craft.spin)
 
 
 def _initial_state(value) -> np.ndarray:
@@ -147,7 +148,7 @@ def _acceleration(craft, state, gravity, force, turning):
     mass = mass_left(craft.mass, state[6]) if craft.burns_propellant else craft.mass
     if craft.about_z:
         return rotating_frame_acceleration(position, velocity, gravity, force, mass, craft.spin)
-    spin = turning or ((0.0, 0.0, craft.spin) if np.ndim(craft.spin) == 0 else craft.spin,)
+    spin = turning or (craft.rate,)
     return spinning_frame_acceleration(
         position, velocity, gravity, force, mass, spin[0], craft.axis_point, *spin[1:]
     )
