@@ -7,6 +7,8 @@ import dataclasses as dc
 import json
 import shlex
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -112,7 +114,7 @@ def fly_command(
     """
     check_folder(out)
     keep = _MapKeeper(mended_map)
-    server, original = _meshcat() if meshcat else None, None
+    server, original, whole = _meshcat() if meshcat else None, None, None
     if log_file is not None:
         _refuse_settings(scenario, settings or None, seed, transit, dispersions)
         original = _log_to_repeat(log_file, controller, out)
@@ -120,7 +122,7 @@ def fly_command(
         controller = original.dataset.attrs["controller"]
     else:
         wanted = _scenario(scenario, with_dispersions(settings, dispersions), seed, transit)
-        wanted, controller = _begun(wanted, controller, out)
+        wanted, controller, whole = _begun(wanted, controller, out)
         body, true_body = load_body(wanted.body), None
         wanted = _without_making_a_table(wanted, body)
         print_remarks(wanted, body)
@@ -129,7 +131,7 @@ def fly_command(
             wanted, controller, meshcat=server, progress=progress, body=body, true_body=true_body,
             finished=keep,
         )  # fmt: skip
-    _save(log, out, as_json)
+    _save(log if whole is None else whole(log), out, as_json)
     keep.save()
     if original is not None:
         _compare(original, log, log_file)
@@ -149,19 +151,24 @@ def _refuse_settings(*given: object) -> None:
         raise InputError("--from repeats a flight as it was: give no scenario or settings")
 
 
-def _begun(scenario: Scenario, controller: str | None, out: Path) -> tuple[Scenario, str]:
-    """The scenario to fly, and by whom: of a mission, whose survey is flown, what is after it."""
+def _begun(
+    scenario: Scenario, controller: str | None, out: Path
+) -> tuple[Scenario, str, Callable[[FlightLog], FlightLog] | None]:
+    """The scenario to fly, by whom, and what makes the log of a mission whole.
+
+    Of a mission, whose survey is flown here, the scenario is that of what comes after it.
+    """
     if not isinstance(scenario.task, MissionConfig):
-        return scenario, controller or "mpc"
+        return scenario, controller or "mpc", None
     # matplotlib is slow to import.
-    from proxops.diagrams.surveys import begin_mission
+    from proxops.diagrams.surveys import begin_mission, whole_log
 
     with work_bar("surveying") as progress, compiling_told(progress):
         surveyed, after = begin_mission(scenario, load_body(scenario.body), out, progress)
         rows = report_survey(out, scenario, surveyed)
     for name, text in rows:
         status.print(f"{name}: {text}")
-    return after, controller or "hybrid"
+    return after, controller or "hybrid", partial(whole_log, surveyed)
 
 
 def _wait_for_ctrl_c() -> None:

@@ -12,6 +12,7 @@ from proxops.diagrams.logs.columns import (
     NAVIGATION_COLUMNS,
     RECORDS,
     RESERVED_COLUMNS,
+    SURVEY,
     VARIABLES,
     column_size,
 )
@@ -20,6 +21,7 @@ from proxops.diagrams.logs.flight_log import (
     commanded_forces,
     differences,
     make_dataset,
+    with_survey,
 )
 from proxops.diagrams.logs.flight_summary import (
     WIDE_ARRIVAL,
@@ -45,6 +47,7 @@ __all__ = [
     "REASONS",
     "RECORDS",
     "RESERVED_COLUMNS",
+    "SURVEY",
     "VARIABLES",
     "WIDE_ARRIVAL",
     "FlightLog",
@@ -64,4 +67,5 @@ __all__ = [
     "pointing_errors",
     "three_digits",
     "why_never_known",
+    "with_survey",
 ]

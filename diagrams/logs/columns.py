@@ -184,6 +184,25 @@ VARIABLES = {
     ),
 }  # fmt: skip
 """Each column, in the order of the file."""
+SURVEY = {
+    "survey_state": Column(
+        ("survey_time", "component"), _OF_A_STATE, "position and velocity of the spacecraft in K",
+    ),
+    "survey_attitude": Column(
+        ("survey_time", "quaternion"), "1", "rotation of S against K: unit quaternion w, x, y, z",
+    ),
+    "survey_force": Column(
+        ("survey_time", "axis"), "N", "force of the thrusters in S, from this time to the next",
+    ),
+    "survey_frame": Column(
+        ("survey_return",), "1", "of each lidar return, the row of survey_time; from 0",
+    ),
+    "survey_ray": Column(
+        ("survey_return",), "1", "the number of its ray: 360 times the plane and so on; from 0",
+    ),
+    "survey_range": Column(("survey_return",), "m", "range as measured"),
+}  # fmt: skip
+"""A survey in a mission's log, with all dimensions. `survey_time`, in s, is at most 0."""
 DERIVED = {
     "position_inertial": Column(
         ("axis",), "m", "position in the non-turning frame that is K at time 0"
@@ -221,7 +240,8 @@ NAVIGATION_COLUMNS = [
 ]
 """Columns of a flight with a navigation: all of them, or none."""
 RESERVED_COLUMNS = {
-    *VARIABLES, *DERIVED, *RECORDS, "time", "command", *SIZES, "plane", "ray", "mesh_vertices",
+    *VARIABLES, *DERIVED, *RECORDS, *SURVEY, "survey_time", "survey_return",
+    "time", "command", *SIZES, "plane", "ray", "mesh_vertices",
     "mesh_facets", "vertex", "facet", "true_vertices", "true_facets", "true_vertex", "true_facet",
     "corner",
 }  # fmt: skip

@@ -17,6 +17,7 @@ from proxops.diagrams.logs.columns import (
     COORDINATES,
     DERIVED,
     OUTCOMES,
+    SURVEY,
     VARIABLES,
     WALL_TIMES,
     Column,
@@ -52,7 +53,7 @@ from proxops.systems.rotation import SpinModel, TorqueFreeSpin
 from proxops.systems.shapes import Polyhedron
 
 # Frames: most of their values are the same.
-_PACKED = ("ranges", "navigation_return_use")
+_PACKED = ("ranges", "navigation_return_use", *SURVEY)
 # Attributes with the hashes of the networks that flew.
 _NETWORKS = ("policy_sha256", "lidar_sha256")
 
@@ -73,6 +74,9 @@ class FlightLog:
 
     The frame of row k is the one that was received then. With `truth.lidar.latency_steps` it was
     measured that number of rows earlier.
+
+    The log of a mission has its survey too: columns `SURVEY`, over `survey_time`. K is that of the
+    map, though the survey did not know it. Only returns are kept, not rays without one.
 
     Other global attributes hold the scenario, the body's constants, the package version and the
     shape's hash. `mesh_vertices` and `mesh_facets` hold the body's mesh as believed, the map;
@@ -246,6 +250,21 @@ def make_dataset(
     )
 
 
+def with_survey(log: FlightLog, times: Values, columns: dict[str, np.ndarray]) -> FlightLog:
+    """The log of a mission: that of its last flight, and what happened in the survey before.
+
+    Args:
+      times: (N,) in s, at most 0. columns: of `SURVEY`, all of them.
+    """
+    data: dict[str, typing.Any] = {
+        "survey_time": ("survey_time", times, {"units": "s", "long_name": "time to the flight"})
+    }
+    for name, column in SURVEY.items():
+        _, values, notes = _variable(column, columns[name])
+        data[name] = column.dimensions, values, notes
+    return FlightLog(log.dataset.assign(data), log.body)
+
+
 def _variable(
     column: Column, values: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray, dict[str, typing.Any]]:
@@ -315,10 +334,11 @@ def inertial_motion(
 def differences(first: FlightLog, second: FlightLog) -> list[str]:
     """Lists the variables, networks and outcomes in which two logs differ by any bit.
 
-    Wall times are not compared.
+    Wall times are not compared, nor a survey, which is another flight.
     """
     one, other = first.dataset, second.dataset
-    names = sorted(({*map(str, one.variables)} | {*map(str, other.variables)}) - {*WALL_TIMES})
+    names = {*map(str, one.variables)} | {*map(str, other.variables)}
+    names = sorted(names - {*WALL_TIMES, *SURVEY, "survey_time"})
     changed = [
         name
         for name in names

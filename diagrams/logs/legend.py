@@ -20,6 +20,7 @@ LEGEND = "legend"
 _PLAIN_COLOUR = (0.25, 0.70, 0.45)
 _SAFETY_FILTER = LegendEntry("safety filter", (0.93, 0.35, 0.95))
 _TOUCH = LegendEntry("touch-and-go", (0.25, 0.80, 0.70))
+_SURVEY = LegendEntry("survey", (0.75, 0.75, 0.45))
 _LONGEST_NAME = 200
 _REASONS = {
     InterventionReason.THRUST_LIMIT: ("more than the thrusters can give", (0.54, 0.56, 0.61)),
@@ -67,7 +68,10 @@ def legend_of(dataset: xr.Dataset) -> dict[int, LegendEntry]:
     own = _read_entry(dataset.attrs.get(LEGEND))
     if own is not None:
         entries = dict.fromkeys(entries, own)
-    return {**entries, FlownBy.SAFETY_FILTER: _SAFETY_FILTER, FlownBy.TOUCH: _TOUCH}
+    others = {
+        FlownBy.SAFETY_FILTER: _SAFETY_FILTER, FlownBy.TOUCH: _TOUCH, FlownBy.SURVEY: _SURVEY,
+    }  # fmt: skip
+    return entries | others
 
 
 def legend_text(entry: LegendEntry) -> str:

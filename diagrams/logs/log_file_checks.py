@@ -15,6 +15,7 @@ from proxops.diagrams.logs.columns import (
     OUTCOMES,
     RECORDS,
     SIZES,
+    SURVEY,
     VARIABLES,
 )
 from proxops.systems.common import InputError
@@ -80,26 +81,33 @@ def missing_entries(data: xr.Dataset) -> list[str]:
 
 def wrong_entries(data: xr.Dataset) -> list[str]:
     """Lists the variables and attributes whose types, dimensions or values no flight gives."""
-    schema = {"time": (), **{name: column.dimensions for name, column in VARIABLES.items()}}
+    schema = {"time": ("time",), "survey_time": ("survey_time",)}
+    schema |= {name: ("time", *column.dimensions) for name, column in VARIABLES.items()}
+    schema |= {name: column.dimensions for name, column in SURVEY.items()}
     wrong = [
         name
         for name, dimensions in schema.items()
         if name in data.variables
-        and (data[name].dims != ("time", *dimensions) or data[name].dtype.kind not in "fiub")
+        and (data[name].dims != dimensions or data[name].dtype.kind not in "fiub")
     ]
     wrong += [name for name, size in SIZES.items() if data.sizes.get(name, size) != size]
     wrong += [name for name in COORDINATES if name not in data.sizes]
-    missing = [name for name in NAVIGATION_COLUMNS if name not in data.variables]
-    if len(missing) < len(NAVIGATION_COLUMNS):
-        wrong += missing
+    for together in (NAVIGATION_COLUMNS, [*SURVEY, "survey_time"]):
+        missing = [name for name in together if name not in data.variables]
+        if len(missing) < len(together):
+            wrong += missing
     wrong += [name for name in _TEXTS if not isinstance(data.attrs[name], str)]
     numbers = [name for name in _NUMBERS if name in data.attrs]
     wrong += [name for name in numbers if not isinstance(data.attrs[name], float | int | np.number)]
     if wrong:
         return wrong
-    wrong = [name for name in _FINITE if not (np.abs(data[name].values) <= _LARGEST).all()]
-    if "time" not in wrong and not (data.sizes["time"] and _increases(data["time"].values)):
-        wrong.append("time")
+    finite = [name for name in (*_FINITE, *SURVEY, "survey_time") if name in data.variables]
+    wrong = [name for name in finite if not (np.abs(data[name].values) <= _LARGEST).all()]
+    for name in {"time", "survey_time"} & {*finite} - {*wrong}:
+        if not (data.sizes[name] and _increases(data[name].values)):
+            wrong.append(name)
+    if "survey_time" in finite and not wrong:
+        wrong += _wrong_of_survey(data)
     if not np.isin(data["decision"].values, list(FlownBy)).all():
         wrong.append("decision")
     for name, column in VARIABLES.items():
@@ -108,6 +116,16 @@ def wrong_entries(data: xr.Dataset) -> list[str]:
             if not (np.isnan(values) | np.isin(values, list(column.codes))).all():
                 wrong.append(name)
     wrong += [name for name in ("collided", "keep_out_violations") if not _counts(data.attrs[name])]
+    return wrong
+
+
+def _wrong_of_survey(data: xr.Dataset) -> list[str]:
+    """Lists the columns of a survey with values that no survey gives."""
+    wrong = [] if data["survey_time"][-1] <= data["time"][0] else ["survey_time"]
+    for name, limit in (("survey_frame", data.sizes["survey_time"]), ("survey_ray", np.inf)):
+        numbers = data[name].values
+        if numbers.dtype.kind not in "iu" or not ((numbers >= 0) & (numbers < limit)).all():
+            wrong.append(name)
     return wrong
 
 

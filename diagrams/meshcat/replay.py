@@ -1,8 +1,8 @@
 """Makes the replay of a flight: one HTML page with Drake's Meshcat, which needs no network.
 
 A replay runs at 160 times real time, so a flight of 80 min takes 30 s. It has 16 frames a second,
-one for each control step of 10 s. `meshcat_scene` draws its objects, and `replay_panel` makes the
-panel below them.
+one for each control step of 10 s. The survey of a mission runs faster. `meshcat_scene` draws its
+objects, and `replay_panel` makes the panel below them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pydrake.geometry import Meshcat, Rgba
 
 from proxops.diagrams.logs import FlightLog, flown_by, legend_of
 from proxops.diagrams.meshcat.camera_views import light_from, look_at_flight, viewpoints
-from proxops.diagrams.meshcat.meshcat_page import FRAMES_PER_SECOND, PLAYBACK_SPEED, page_with
+from proxops.diagrams.meshcat.meshcat_page import FRAMES_PER_SECOND, page_with
 from proxops.diagrams.meshcat.meshcat_scene import (
     Scene,
     add_goal,
@@ -41,6 +41,12 @@ from proxops.diagrams.meshcat.navigation_scene import (
 from proxops.diagrams.meshcat.replay_panel import panel
 from proxops.diagrams.meshcat.rigid_scene import RigidView, record_flight
 from proxops.diagrams.meshcat.site_scene import add_site, part_shown
+from proxops.diagrams.meshcat.survey_chapter import (
+    record_survey,
+    shown_times,
+    survey_rows,
+    with_survey_rows,
+)
 from proxops.systems.common import Vectors3, write_whole
 
 # Greatest number of lidar frames that a replay shows.
@@ -66,7 +72,7 @@ def write_replay(log: FlightLog, path: str | Path) -> None:
 
 def replay_page(log: FlightLog, addition: str = "") -> str:
     """Gives the page of `write_replay`, with more HTML after its panel."""
-    meshcat = quiet_meshcat()
+    meshcat, log = quiet_meshcat(), with_survey_rows(log)
     add_flight(meshcat, log)
     title = f"{log.body.config.name}, {log.dataset.attrs['controller']}"
     scene = Scene(meshcat, log.body, near=part_shown(log.scenario))
@@ -80,7 +86,7 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     times, positions = data["time"].values, data["state"].values[:, :3]
     goal = data["target"].values[-1, :3]
     # An earlier flight or the live view left them.
-    for leftover in ("/path", "/lidar", "/plan", "/navigation", "/spacecraft", "/site"):
+    for leftover in ("/path", "/lidar", "/plan", "/navigation", "/spacecraft", "/site", "/survey"):
         meshcat.Delete(leftover)
     scene = Scene(meshcat, log.body, log.differing_body, part_shown(log.scenario))
     prepare_scene(scene)
@@ -97,23 +103,25 @@ def add_flight(meshcat: Meshcat, log: FlightLog) -> None:
     for name, _ in frames[:-1]:
         meshcat.SetProperty(name, "visible", False)
     meshcat.StartRecording(FRAMES_PER_SECOND, set_visualizations_while_recording=False)
-    shown = (times - times[0]) / PLAYBACK_SPEED
+    shown = shown_times(data)
     if rigid is None:
         _record_point(scene, log, shown)
     else:
         record_flight(rigid, data, shown)
+    record_survey(scene, log, shown)
     for time, at in zip(times.tolist(), shown.tolist(), strict=True):
         move_axes(scene, time, at)
         move_moons(scene, time, at)
     if "sun_direction" in data:
         for direction, at in zip(data["sun_direction"].values, shown.tolist(), strict=True):
-            light_from(scene, direction, at)
+            if np.isfinite(direction).all():  # A survey does not log it.
+                light_from(scene, direction, at)
     for name, row in pieces:
         meshcat.SetProperty(name, "visible", False, 0.0)
         meshcat.SetProperty(name, "visible", True, float(shown[row]))
     ends = [row for _, row in frames[1:]]
     for number, (name, row) in enumerate(frames):
-        meshcat.SetProperty(name, "visible", row == 0, 0.0)
+        meshcat.SetProperty(name, "visible", shown[row] == 0.0, 0.0)
         meshcat.SetProperty(name, "visible", True, float(shown[row]))
         if number < len(ends):
             meshcat.SetProperty(name, "visible", False, float(shown[ends[number]]))
@@ -193,7 +201,8 @@ def _add_returns(scene: Scene, log: FlightLog, rigid: RigidView | None) -> list[
     ranges, positions = data["ranges"].values, data["state"].values[:, :3]
     uses = return_uses(data)
     frames = []
-    for row in np.unique(np.linspace(0, len(ranges) - 1, LIDAR_FRAMES).astype(int)):
+    first = survey_rows(data)
+    for row in np.unique(np.linspace(first, len(ranges) - 1, LIDAR_FRAMES).astype(int)):
         name = f"/lidar/row_{row:04d}"
         if rigid is not None:
             rays = rigid.rays(data["attitude"].values[row])

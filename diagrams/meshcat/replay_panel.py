@@ -14,7 +14,6 @@ from pydrake.geometry import Rgba
 
 from proxops.diagrams.logs import REASONS, FlightLog, all_flown_by, flown_by, legend_of
 from proxops.diagrams.meshcat.camera_views import View
-from proxops.diagrams.meshcat.meshcat_page import PLAYBACK_SPEED
 from proxops.diagrams.meshcat.meshcat_scene import (
     BELIEVED_AXIS,
     GOAL,
@@ -32,6 +31,7 @@ from proxops.diagrams.meshcat.navigation_scene import (
     return_uses,
 )
 from proxops.diagrams.meshcat.rigid_scene import SIGHT, enlargement
+from proxops.diagrams.meshcat.survey_chapter import shown_times, speed_text, survey_rows
 from proxops.diagrams.scenario import (
     RigidBodyConfig,
     described_bounds,
@@ -76,7 +76,7 @@ _PAGE = """
   #world td {padding: 0 10px 0 0; font-variant-numeric: tabular-nums}
 </style>
 {{world}}<div id="panel">
-  <div><span><b>{{title}}</b> <small>{{speed}} times real time</small></span>{{numbers}}</div>
+  <div><span><b>{{title}}</b> <small>{{speed}}</small></span>{{numbers}}</div>
   {{margins}}<div><button id="play">pause</button>
     <input id="time" type="range" min="0" max="1" value="0" step="any" aria-label="time"
       style="background: {{strip}}"></div>
@@ -91,8 +91,8 @@ _PAGE = """
   const slider = element("time"), play = element("play"), animator = viewer.animator;
   const length = m => Math.abs(m) >= 5000 ? (m / 1000).toFixed(1) + " km"
     : m.toFixed(Math.abs(m) < 10 ? 1 : 0) + " m";
-  const clock = s => [s / 3600, s / 60 % 60, s % 60]
-    .map(part => String(Math.floor(part)).padStart(2, "0")).join(":");
+  const clock = s => (s < 0 ? "-" : "") + [s / 3600, s / 60 % 60, s % 60]
+    .map(part => String(Math.floor(Math.abs(part))).padStart(2, "0")).join(":");
 
   function seek(time) {
     animator.seek(time);
@@ -138,7 +138,7 @@ _PAGE = """
     const button = document.createElement("button");
     button.textContent = name;
     button.style.marginRight = "6px";
-    button.onclick = () => seek(time / flight.speed);
+    button.onclick = () => seek(time);
     element("chapters").append(button);
   }
   viewer.dom_element.addEventListener("pointerdown", () => {
@@ -170,12 +170,11 @@ _PAGE = """
     slider.max = animator.duration;
     slider.value = animator.time;
     play.textContent = animator.playing ? "pause" : "play";
-    const now = animator.time * flight.speed;
     let row = flight.time.length - 1;
-    while (row > 0 && flight.time[row] > now + 1e-3) row--;
+    while (row > 0 && flight.shown[row] > animator.time + 1e-5) row--;
     const who = flight.who[row];
     flight.chapters.forEach(([time], k) => element("chapters").children[k].classList.toggle("on",
-      time <= flight.time[row] && !(flight.chapters[k + 1]?.[0] <= flight.time[row])));
+      time <= flight.shown[row] && !(flight.chapters[k + 1]?.[0] <= flight.shown[row])));
     element("clock").textContent = clock(flight.time[row]);
     element("range").textContent = length(flight.range[row]);
     element("speed").textContent = flight.velocity[row].toFixed(2) + " m/s";
@@ -261,7 +260,7 @@ def panel(log: FlightLog, title: str, views: dict[str, View], unit: float) -> st
     content = json.dumps(_flight(log, views, unit), separators=(",", ":"))
     parts = {
         "title": html.escape(title),
-        "speed": f"{PLAYBACK_SPEED:.0f}",
+        "speed": speed_text(log.dataset),
         "numbers": numbers,
         "strip": _strip(log),
         "margins": _margin_curve(log),
@@ -287,8 +286,8 @@ def _flight(log: FlightLog, views: dict[str, View], unit: float) -> dict[str, An
         return [x, z, -y]
 
     return {
-        "speed": PLAYBACK_SPEED,
-        "time": (times - times[0]).round(2).tolist(),
+        "shown": shown_times(data).round(5).tolist(),
+        "time": (times - max(times[0], 0.0)).round(2).tolist(),
         "range": np.linalg.norm(away, axis=1).round(1).tolist(),
         "velocity": np.linalg.norm(state[:, 3:], axis=1).round(3).tolist(),
         "thrust": np.linalg.norm(force, axis=1).round(3).tolist(),
@@ -306,16 +305,21 @@ def _flight(log: FlightLog, views: dict[str, View], unit: float) -> dict[str, An
 
 
 def _chapters(log: FlightLog) -> list[tuple[float, str]]:
-    """Gives the start in s and the name of each phase of a touch-and-go; [] of another flight."""
-    data = log.dataset
+    """Gives when each phase of a touch-and-go or a mission is shown, in s, and its name.
+
+    [] of another flight.
+    """
+    data, shown = log.dataset, shown_times(log.dataset)
+    surveyed = survey_rows(data)
     if "touch_phase" not in data:
-        return []
-    phases, times = data["touch_phase"].values[:-1], data["time"].values
+        return [(0.0, "survey"), (float(shown[surveyed]), "transit")] if surveyed else []
+    phases = data["touch_phase"].values[surveyed:-1]
     begins = [0, *(np.flatnonzero(np.diff(phases)) + 1).tolist()]
-    return [
-        (round(float(times[row] - times[0]), 2), TouchPhase(int(phases[row])).name.lower())
+    chapters = [
+        (round(float(shown[surveyed + row]), 5), TouchPhase(int(phases[row])).name.lower())
         for row in begins
     ]
+    return [(0.0, "survey"), *chapters] if surveyed else chapters
 
 
 def _assurance(log: FlightLog) -> dict[str, Any] | None:
@@ -351,8 +355,8 @@ def _margin_curve(log: FlightLog) -> str:
     data = log.dataset
     if "assurance_margin" not in data:
         return ""
-    times, margins = data["time"].values, data["assurance_margin"].values
-    left = 1e3 * (times - times[0]) / max(float(times[-1] - times[0]), 1e-9)
+    shown, margins = shown_times(data), data["assurance_margin"].values
+    left = 1e3 * shown / max(float(shown[-1]), 1e-9)
     scaled = np.arcsinh(np.clip(margins, -_DEEPEST, _HIGHEST) / _NEAR)
     least, most = (float(end) for end in np.nanpercentile([-1.0, 1.0, *scaled], [0, 100]))
     up = 100.0 * (most - scaled) / (most - least)
@@ -402,12 +406,13 @@ def _return_marks(log: FlightLog) -> list[tuple[Rgba, str]]:
         return []
     if return_uses(log.dataset) is None:
         return [(RETURNS, "lidar returns")]
+    surveyed = [(RETURNS, "the survey's")] if survey_rows(log.dataset) else []
     texts = {
         ReturnUse.USED: "lidar returns that it used",
         ReturnUse.REJECTED: "rejected",
         ReturnUse.NOT_USED: "left alone",
     }
-    return [(RETURN_USES[use], text) for use, text in texts.items()]
+    return [*((RETURN_USES[use], text) for use, text in texts.items()), *surveyed]
 
 
 def _rigid_marks(log: FlightLog, unit: float) -> list[tuple[Rgba, str]]:
@@ -479,12 +484,12 @@ def _steps(log: FlightLog) -> np.ndarray:
 def _strip(log: FlightLog) -> str:
     """Gives the CSS of a strip over the flight's time, in the colours of the controllers."""
     legend = legend_of(log.dataset)
-    who, times = _steps(log), log.dataset["time"].values
-    length = max(float(times[-1] - times[0]), 1e-9)
+    who, shown = _steps(log), shown_times(log.dataset)
+    length = max(float(shown[-1]), 1e-9)
     changes = [0, *(np.flatnonzero(np.diff(who)) + 1).tolist(), len(who) - 1]
     pieces = []
     for begin, end in itertools.pairwise(changes):
-        first, last = (100.0 * (times[row] - times[0]) / length for row in (begin, end))
+        first, last = (100.0 * shown[row] / length for row in (begin, end))
         pieces.append(f"{_code(legend[int(who[begin])].colour)} {first:.2f}% {last:.2f}%")
     return f"linear-gradient(to right, {', '.join(pieces)})"
 

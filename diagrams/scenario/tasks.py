@@ -79,8 +79,8 @@ class TouchAndGoConfig:
 
 MISSIONS = (
     ["survey", "transit"],
-    ["survey", "transit", "touch_and_go", "park"],
     ["survey", "transit", "touch_and_go"],
+    ["survey", "transit", "touch_and_go", "park"],
 )
 """The phases that a mission may have."""
 
@@ -94,8 +94,8 @@ class MissionConfig:
     `proxops fly` fly it. `transit.seed` and `transit.index` say which mission of a set.
     """
 
-    # [survey, transit], [survey, transit, touch_and_go], or this and park, in an orbit as the
-    # survey's.
+    # [survey, transit], [survey, transit, touch_and_go], or this and park: in an orbit as high as
+    # the survey's.
     phases: list[str] = dc.field(default_factory=lambda: list(MISSIONS[-1]))
     survey: SurveyConfig = dc.field(default_factory=SurveyConfig)
     # Its site is chosen on the survey's map, unless it is given.

@@ -6,7 +6,7 @@ written. What flies and estimates sees no truth: only `visit.yaml`, under `truth
 of `survey.json` hold it.
 """
 
-from proxops.diagrams.surveys.mission import MissionFlown, begin_mission, run_mission
+from proxops.diagrams.surveys.mission import MissionFlown, begin_mission, run_mission, whole_log
 from proxops.diagrams.surveys.survey_files import Surveyed
 from proxops.diagrams.surveys.survey_flight import Flying, SurveyFlight, known_ellipsoid
 from proxops.diagrams.surveys.survey_run import run_survey
@@ -20,4 +20,5 @@ __all__ = [
     "known_ellipsoid",
     "run_mission",
     "run_survey",
+    "whole_log",
 ]

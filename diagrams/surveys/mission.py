@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.flight import fly
-from proxops.diagrams.logs import FlightLog
+from proxops.diagrams.logs import FlightLog, with_survey
 from proxops.diagrams.scenario import (
     Body,
     MissionConfig,
@@ -42,7 +42,7 @@ class MissionFlown(NamedTuple):
 
     surveyed: Surveyed
     log: FlightLog
-    """Of the flight after the survey: the transit, and the touch and the way home, if any."""
+    """Of all: the survey, the transit, and the touch and the way home, if any."""
 
 
 def run_mission(
@@ -67,7 +67,25 @@ def run_mission(
         or flown to; or the folder cannot be written.
     """
     surveyed, after = begin_mission(scenario, body, folder, part_of(progress, 0.0, _SURVEY))
-    return MissionFlown(surveyed, fly(after, controller, progress=part_of(progress, _SURVEY, 1.0)))
+    log = fly(after, controller, progress=part_of(progress, _SURVEY, 1.0))
+    return MissionFlown(surveyed, whole_log(surveyed, log))
+
+
+def whole_log(surveyed: Surveyed, log: FlightLog) -> FlightLog:
+    """The log of a mission, of its survey's flight and of the flight after it."""
+    flight, turn = surveyed.flight, surveyed.placed.turn
+    positions = flight.states[:, :3] @ turn.T + surveyed.placed.shift
+    attitudes = Rotation.from_matrix(turn) * Rotation.from_quat(flight.attitudes, scalar_first=True)
+    row = np.searchsorted(flight.times, flight.returns.times)[flight.returns.frames]
+    columns = {
+        "survey_state": np.hstack([positions, flight.states[:, 3:] @ turn.T]),
+        "survey_attitude": attitudes.as_quat(canonical=True, scalar_first=True),
+        "survey_force": flight.forces,
+        "survey_frame": row.astype(np.int32),
+        "survey_ray": flight.rays.astype(np.int32),
+        "survey_range": flight.returns.ranges,
+    }
+    return with_survey(log, flight.times - flight.times[-1], columns)
 
 
 def begin_mission(
@@ -150,8 +168,8 @@ def onward(surveyed: Surveyed) -> Scenario:
     flight, placed = surveyed.flight, surveyed.placed
     world, found = flight.world, surveyed.found.survey
     scenario, time = copy.deepcopy(surveyed.visit), float(flight.returns.times[-1])
-    scenario.transit.start_m = (placed.turn @ flight.end[:3] + placed.shift).tolist()
-    scenario.transit.start_velocity_m_s = (placed.turn @ flight.end[3:]).tolist()
+    scenario.transit.start_m = (placed.turn @ flight.states[-1, :3] + placed.shift).tolist()
+    scenario.transit.start_velocity_m_s = (placed.turn @ flight.states[-1, 3:]).tolist()
     attitude = true_attitude(world, time) @ placed.turn.T
     believed = found.body_attitudes(np.array([time]))[0] @ surveyed.made.rotation.T
     ahead = Rotation.from_matrix(attitude.T @ believed).as_rotvec()

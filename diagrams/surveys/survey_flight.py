@@ -24,7 +24,10 @@ from proxops.systems.common import (
     InputError,
     Matrix3,
     Progress,
+    States,
+    Values,
     Vector3,
+    Vectors3,
     generator,
     rotation_matrix,
     silent,
@@ -64,8 +67,16 @@ class SurveyFlight(NamedTuple):
     hours: float
     """Time in orbit in h."""
     collided: bool
-    end: np.ndarray
-    """(6,) in m and m/s in K: the true state at the last frame. Only the truth may hold it."""
+    rays: np.ndarray
+    """(R,): of each return the number of its ray."""
+    times: Values
+    """(N,) in s, of all control steps. What follows is true: only the truth may hold it."""
+    states: States
+    """(N, 6) in m and m/s in K."""
+    attitudes: np.ndarray
+    """(N, 4): R_KS as a unit quaternion."""
+    forces: Vectors3
+    """(N, 3) in N along the axes of S: the commands, or what a rigid spacecraft gave."""
     world: World
 
 
@@ -228,6 +239,7 @@ class _Kept:
         self._axes: list[Matrix3] = []
         self._forces: list[np.ndarray] = []
         self._states: list[np.ndarray] = []
+        self._attitudes: list[np.ndarray] = []
         self._orbit: float | None = None
 
     def keep(self, context: Context, own: Context) -> None:
@@ -240,7 +252,10 @@ class _Kept:
             found = self._diagram.GetSubsystemByName(system)
             return found.GetOutputPort(port).Eval(found.GetMyContextFromRoot(context)).copy()
 
-        ranges = output("lidar", "ranges")
+        ranges, lidar = output("lidar", "ranges"), self._diagram.GetSubsystemByName("lidar")
+        port, within = lidar.GetInputPort("attitude"), lidar.GetMyContextFromRoot(context)
+        turned = port.HasValue(within)
+        self._attitudes.append(port.Eval(within).copy() if turned else np.eye(4)[0])
         seen = np.flatnonzero(np.isfinite(ranges))
         self._states.append(output("spacecraft", "state"))
         self._times.append(now)
@@ -298,5 +313,6 @@ class _Kept:
             float(np.abs(forces).sum() * self._period / mass),
             float(clearances(body.keep_out_semi_axes, places).min()),
             int(within[0]) + int((within[1:] & ~within[:-1]).sum()), hours,
-            bool(inside.any()), self._states[-1], self._world,
+            bool(inside.any()), np.concatenate([seen for seen, _ in rays]),
+            times, np.array(self._states), np.array(self._attitudes), forces, self._world,
         )  # fmt: skip

@@ -36,6 +36,7 @@ from proxops.systems.mapping import (
 
 _FLIGHT = "survey.npz"
 _FIGURES = ("orbit_time", "delta_v", "clearance", "entries", "hours", "collided")
+_HISTORIES = ("rays", "times", "states", "attitudes", "forces")
 # It flies so much longer, first and if its map is not good enough yet, over the most time.
 _LONGER = 0.5
 # Share of the surface without which there is no map.
@@ -145,14 +146,13 @@ def _read_by(scenario: Scenario) -> str:
 
 
 def _keep(path: Path, flight: SurveyFlight, scenario: Scenario) -> None:
-    arrays = flight.returns._asdict() | {name: getattr(flight, name) for name in _FIGURES}
+    arrays = {name: getattr(flight, name) for name in (*_FIGURES, *_HISTORIES)}
+    arrays |= {f"returns_{name}": values for name, values in flight.returns._asdict().items()}
     text = np.array(_read_by(scenario))
 
     def write(name: Path) -> None:
         with name.open("wb") as file:
-            np.savez_compressed(
-                file, scenario=text, body=np.array(scenario.body), end=flight.end, **arrays
-            )
+            np.savez_compressed(file, scenario=text, body=np.array(scenario.body), **arrays)
 
     write_whole(path, write)
 
@@ -168,8 +168,9 @@ def _kept(path: Path, scenario: Scenario, body: Body) -> SurveyFlight | None:
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-        returns = Returns(**{name: arrays[name] for name in Returns._fields})
-        figures = {name: arrays[name].item() for name in _FIGURES} | {"end": arrays["end"]}
+        returns = Returns(**{name: arrays[f"returns_{name}"] for name in Returns._fields})
+        figures = {name: arrays[name].item() for name in _FIGURES}
+        figures |= {name: arrays[name] for name in _HISTORIES}
         text, name = str(arrays["scenario"]), str(arrays["body"])
     except Exception as error:  # Damaged files raise errors of many types.
         raise InputError(f"{path} is no whole log of a survey: remove it to fly anew") from error

@@ -72,6 +72,8 @@ class FlownBy(IntEnum):
     derived from `intervention`."""
     TOUCH = 4
     """The mission of a touch-and-go. It is derived from `touch_phase`."""
+    SURVEY = 5
+    """The survey of a mission, in its replay."""
 
 
 class DecisionReason(IntEnum):

@@ -50,7 +50,8 @@ def test_a_log_that_was_cut_is_refused(tmp_path: Path) -> None:
 
 def test_frames_of_another_body_are_refused(tmp_path: Path) -> None:
     with (tmp_path / "survey.npz").open("wb") as file:
-        names = [*Returns._fields, *survey_run._FIGURES, "scenario", "end"]
+        names = [*survey_run._FIGURES, *survey_run._HISTORIES, "scenario"]
+        names += [f"returns_{name}" for name in Returns._fields]
         empty: dict[str, Any] = dict.fromkeys(names, 0)
         np.savez(file, body=np.array("bennu"), **empty)
     with pytest.raises(InputError, match="frames of another body, bennu, not of kleopatra"):
@@ -90,7 +91,8 @@ def test_a_flight_is_known_again_by_what_it_read(tmp_path: Path) -> None:
     path, body, scenario = tmp_path / "survey.npz", load_body("kleopatra"), survey()
     none = Returns(**dict.fromkeys(Returns._fields, np.zeros(1)))
     figures = dict.fromkeys(survey_run._FIGURES, 0.0)
-    flight: Any = SimpleNamespace(returns=none, end=np.zeros(6), **figures)
+    histories = dict.fromkeys(survey_run._HISTORIES, np.zeros(1))
+    flight: Any = SimpleNamespace(returns=none, **histories, **figures)
     survey_run._keep(path, flight, scenario)
     for key, value, known in (
         ("mpc.keep_out_margin_m", 5.0, True),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from short_flights import kleopatra
+from synthetic_log import synthetic_log
 
 from proxops import assets
 from proxops.diagrams.flight import fly
@@ -21,7 +22,7 @@ from proxops.diagrams.scenario import (
     load_body,
     load_scenario,
 )
-from proxops.diagrams.surveys import begin_mission, mission
+from proxops.diagrams.surveys import begin_mission, mission, whole_log
 from proxops.diagrams.surveys.mission import onward, parts_of
 from proxops.diagrams.surveys.survey_files import (
     NewMap,
@@ -32,6 +33,7 @@ from proxops.diagrams.surveys.survey_files import (
 )
 from proxops.diagrams.surveys.survey_flight import around_of, survey_world
 from proxops.systems.common import InputError
+from proxops.systems.lidar import ray_directions
 from proxops.systems.shapes import Polyhedron
 from proxops.systems.vehicle import SunlightConfig, sun_direction
 
@@ -67,7 +69,7 @@ def handed_over() -> HandedOver:
         return np.array([true_attitude(world, t) @ placed.turn.T @ ahead @ turn for t in times])
 
     returns: Any = SimpleNamespace(times=np.array([0.0, TIME]))
-    flight: Any = SimpleNamespace(world=world, end=END, returns=returns, delta_v=DELTA_V)
+    flight: Any = SimpleNamespace(world=world, states=END[None], returns=returns, delta_v=DELTA_V)
     surveyed: Any = SimpleNamespace(
         flight=flight, placed=placed, made=made,
         found=SimpleNamespace(survey=SimpleNamespace(body_attitudes=believed)),
@@ -90,6 +92,42 @@ def test_it_goes_on_where_the_survey_ended(handed_over: HandedOver) -> None:
     )
     sides = [np.diff(each, axis=0) for each in (before, now)]
     np.testing.assert_allclose(sides[1] @ transit.start_velocity_m_s, sides[0] @ END[3:], atol=1e-9)
+
+
+def test_its_log_has_the_survey_in_the_frame_of_the_map(handed_over: HandedOver) -> None:
+    """Returns are as far from the true surface as they were; the last row is where it goes on."""
+    surveyed, count = handed_over.surveyed, 7
+    random = np.random.default_rng(1)
+    states = np.vstack([random.normal(size=(count - 1, 6)) * np.repeat([900.0, 0.1], 3), END])
+    attitudes = Rotation.random(count, rng=random)
+    frames, rays = np.array([0, 0, 2, 4]), np.array([5, 900, 17, 4319])
+    returns: Any = SimpleNamespace(
+        times=np.linspace(0.0, TIME, count)[2:], frames=frames, ranges=random.uniform(5e2, 1e3, 4)
+    )
+    flight = SimpleNamespace(
+        **vars(surveyed.flight) | {"returns": returns, "states": states, "rays": rays},
+        times=np.linspace(0.0, TIME, count), forces=random.normal(size=(count, 3)),
+        attitudes=attitudes.as_quat(scalar_first=True),
+    )  # fmt: skip
+    own: Any = SimpleNamespace(**vars(surveyed) | {"flight": flight})
+    data = whole_log(own, synthetic_log(3, ranges=False)).dataset
+
+    def places(states: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        row = frames + 2
+        along = np.einsum("kij,kj->ki", turns[row], ray_directions()[rays])
+        return states[row, :3] + returns.ranges[:, None] * along
+
+    turns = Rotation.from_quat(data["survey_attitude"].values, scalar_first=True).as_matrix()
+    now, shape = places(data["survey_state"].values, turns), handed_over.placed.shape
+    before = places(states, attitudes.as_matrix())
+    np.testing.assert_array_equal(data["survey_frame"], frames + 2)
+    np.testing.assert_allclose(
+        np.linalg.norm(now[:, None] - shape.vertices[:50], axis=2),
+        np.linalg.norm(before[:, None] - handed_over.world.true_body.shape.vertices[:50], axis=2),
+    )
+    start = handed_over.after.transit.start_m, handed_over.after.transit.start_velocity_m_s
+    np.testing.assert_allclose(data["survey_state"].values[-1], np.concatenate(start))
+    assert data["survey_time"].values[[0, -1]].tolist() == [-TIME, 0.0]
 
 
 def test_the_sun_shines_on_from_the_same_side(handed_over: HandedOver) -> None:
