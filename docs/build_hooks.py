@@ -41,7 +41,7 @@ from typer.testing import CliRunner
 from proxops import systems
 from proxops.cli.main import COMMANDS, app
 from proxops.diagrams.flight import add_transit, fly
-from proxops.diagrams.logs import VARIABLES
+from proxops.diagrams.logs import SURVEY, VARIABLES
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import (
     QUANTITIES,
@@ -87,9 +87,11 @@ def _file(path: str) -> str:
 
 
 def _log_variables(_: str) -> str:
+    columns = [(name, ("time", *each.dimensions), each) for name, each in VARIABLES.items()]
+    columns += [(name, each.dimensions, each) for name, each in SURVEY.items()]
     rows = [
-        f"| `{name}` | {', '.join(('time', *each.dimensions))} | {each.units} | {each.long_name} |"
-        for name, each in VARIABLES.items()
+        f"| `{name}` | {', '.join(dimensions)} | {each.units} | {each.long_name} |"
+        for name, dimensions, each in columns
     ]
     return "\n".join(["| variable | dimensions | unit | what it is |", "|---|---|---|---|", *rows])
 

@@ -25,7 +25,7 @@ from proxops.studies.campaigns.table import (
     all_campaigns,
     campaign_name,
 )
-from proxops.studies.campaigns.tasks import TaskRun, fly_runs, fly_tasks, makes_a_map
+from proxops.studies.campaigns.tasks import TaskRun, fly_runs, fly_tasks, makes_a_map, task_name
 from proxops.studies.campaigns.variants import (
     Logs,
     Variant,
@@ -64,5 +64,6 @@ __all__ = [
     "fly_variants",
     "load_logs",
     "makes_a_map",
+    "task_name",
     "variant_flights",
 ]

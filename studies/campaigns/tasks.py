@@ -94,6 +94,11 @@ class TaskRun:
         return flown | row | {"mission_delta_v_m_s": total}
 
 
+def task_name(controller: str, seed: int, index: int) -> str:
+    """The name of a survey's or a mission's folder."""
+    return f"{controller_label(controller)}-{seed}-{index:05d}"
+
+
 def fly_tasks(
     variants: Sequence[Variant],
     scenario: Scenario,
@@ -116,7 +121,7 @@ def fly_tasks(
     runs: dict[str, list[TaskRun]] = {}
     for each in variants:
         changed = each.applied_to(scenario)
-        names = [f"{controller_label(each.name)}-{seed}-{k:05d}" for k in range(count)]
+        names = [task_name(each.name, seed, k) for k in range(count)]
         runs[each.name] = [
             TaskRun(name, of_transit(changed, seed, k), each.controller, (folder / name).resolve())
             for k, name in enumerate(names)

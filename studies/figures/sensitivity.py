@@ -39,9 +39,9 @@ import numpy as np
 from proxops.diagrams.flight import Row
 from proxops.systems.common import generator
 
-OUTPUTS = ("failure", "terminal_position_error_m", "delta_v_m_s")
-"""What is explained: failure as 0 or 1, the end error of all flights, and Δv of those that
-succeeded."""
+OUTPUTS = ("failure", "terminal_position_error_m", "touch_miss_m", "delta_v_m_s")
+"""What is explained: failure as 0 or 1, the end error of all flights, the miss of those that
+touched, and Δv of those that succeeded."""
 DUMMY = "dummy"
 """Name of the entry in a ranking that says how great an index is by chance."""
 TRANSIT = (
@@ -51,6 +51,13 @@ TRANSIT = (
     "transit_line_clearance_m",
 )
 """What is ranked of the transit; see `proxops.diagrams.logs.FlightLog.summary`."""
+_SURVEY = (
+    "survey_map_rms_of_size",
+    "survey_gravity_error",
+    "survey_pole_error_deg",
+    "survey_rate_error",
+    "survey_hours",
+)
 LEAST_FLIGHTS = 50
 """With fewer flights, nothing is ranked."""
 # The greatest of 20 equals is the true one in 5 % of the cases.
@@ -103,11 +110,14 @@ def rank_drivers(rows: Sequence[Row]) -> dict[str, Ranking]:
       An output that is equal in all flights, or that fewer than 50 flights have, has an empty
       ranking.
     """
-    return {output: _rank(rows, output) for output in OUTPUTS}
+    touched = any("touch_miss_m" in row for row in rows)
+    return {output: _rank(rows, output) for output in OUTPUTS if touched or "touch" not in output}
 
 
 def drawn_columns(rows: Sequence[Row]) -> dict[str, Column]:
-    """Returns what was drawn of the world and of the transit; what never varied is left out.
+    """Returns what was drawn of the world and of the transit, and what a survey was off by.
+
+    What never varied is left out.
 
     A vector gives a column for each component, as in `truth.thrusters.scale[0]`. If each component
     has both signs, the vector's size says what no component does: `|truth.attitude|` is its norm.
@@ -118,7 +128,7 @@ def drawn_columns(rows: Sequence[Row]) -> dict[str, Column]:
     names = [name for name in drawn if not name.endswith("seed")]
     columns = {
         name: _column([row[name] for row in rows])
-        for name in TRANSIT
+        for name in (*TRANSIT, *_SURVEY)
         if rows and all(name in row for row in rows)
     }
     for name in names:
@@ -158,7 +168,9 @@ def _rank(rows: Sequence[Row], output: str) -> Ranking:
     if output == "failure":
         counted, found = rows, np.array([float(not row["success"]) for row in rows])
     else:
-        counted = rows if output != "delta_v_m_s" else [row for row in rows if row["success"]]
+        counted = [row for row in rows if row.get(output) is not None]
+        if output == "delta_v_m_s":
+            counted = [row for row in counted if row["success"]]
         found = np.array([row[output] for row in counted])
     if len(counted) < LEAST_FLIGHTS or np.ptp(found) == 0.0:
         return []

@@ -19,7 +19,7 @@ from proxops.diagrams.scenario import (
     TouchAndGoConfig,
     load_body,
 )
-from proxops.studies.campaigns import Logs, makes_a_map
+from proxops.studies.campaigns import Logs, makes_a_map, task_name
 from proxops.studies.figures import (
     EXPERT,
     LEAST_FLIGHTS,
@@ -45,6 +45,7 @@ from proxops.studies.report.plots import (
 )
 from proxops.studies.report.shown_flights import (
     flew_a_policy,
+    mission_logs,
     outcome,
     path_transits,
     replay_page,
@@ -99,11 +100,12 @@ def write_evaluation(
     head = [Text(f"{success_text(scenario)}."), *figure_blocks(results, arrival)]
     origin = {name: text for name, text in provenance.items() if name != "command"}
     if makes_a_map(scenario):
-        more = [Section("One by one", _tasks(results))]
+        logs = mission_logs(results, out / "flights")
+        more = [*_drivers_and_worst(results, logs), Section("One by one", _tasks(results))]
     else:
         logs = shown_logs(results, scenario, seed, out / "flights", workers)
-        write_worst(out, results, logs)
         more = evaluation_sections(results, logs, scenario.arrival)
+    write_worst(out, results, logs)
     sections = [
         Section(f"{count} of seed {seed}", head),
         *more,
@@ -122,7 +124,7 @@ def _tasks(results: Results) -> list[Block]:
     """A line for each survey or mission; the folder `flights` has a folder of each."""
     lines = [
         [
-            f"{name}-{row['seed']}-{row['transit']:05d}",
+            task_name(name, row["seed"], row["transit"]),
             Mark(row.get("ended_early") or outcome(row), row["success"]),
             number_text(row.get("survey_map_rms_of_size"), ".3%"),
             number_text(row.get("touch_miss_m"), ".2f"),
@@ -145,12 +147,19 @@ def evaluation_sections(results: Results, logs: Logs, arrival: ArrivalConfig) ->
         Section("How flights end", _end_errors(results, arrival, looks)),
         Section("Fuel against the expert's", _delta_v(results, looks)),
         Section("Paths", _paths(path_transits(results), logs, looks)),
+        *_drivers_and_worst(results, logs),
+        Section("Flights without success", _failures(results)),
+    ]
+    return [section for section in sections if section.blocks]
+
+
+def _drivers_and_worst(results: Results, logs: Logs) -> list[Section]:
+    sections = [
         Section("What drives failure", driver_blocks(results)),
         *(
             Section(f"Worst flights of {name}", _worst(f"worst-{k}", name, result, logs))
             for k, (name, result) in enumerate(results.items())
         ),
-        Section("Flights without success", _failures(results)),
     ]
     return [section for section in sections if section.blocks]
 
@@ -276,7 +285,7 @@ def _drivers(number: int, name: str, result: Result) -> list[Block]:
         why = f"fewer than {LEAST_FLIGHTS} flights" if few else "all flights ended alike"
         return [Text(f"{name}: nothing can be told, {why}.")]
     sentences = [f"{name}."]
-    for output, label in OUTPUT_NAMES.items():
+    for output, label in ((each, OUTPUT_NAMES[each]) for each in result.sensitivity):
         told = "too few flights, or all alike"
         if output in rankings:
             names = told_from_chance(rankings[output])

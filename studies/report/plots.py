@@ -33,6 +33,7 @@ _LEAST_ERROR = 0.1
 OUTPUT_NAMES = {
     "failure": "failure",
     "terminal_position_error_m": "end error",
+    "touch_miss_m": "miss of the place",
     "delta_v_m_s": "Δv",
 }
 """What the outputs of a ranking are called."""

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from proxops.diagrams.flight import Row, Workers, controller_label
+from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.scenario import Scenario
-from proxops.studies.campaigns import Logs, Variant, describe_flight, fly_logs
+from proxops.studies.campaigns import Logs, Variant, describe_flight, fly_logs, task_name
 from proxops.studies.figures import Result, Results
 from proxops.systems.common import make_folder
 
@@ -31,8 +32,16 @@ def outcome(row: Row) -> str:
 
 
 def worst_flights(rows: Sequence[Row], count: int = _WORST) -> list[Row]:
-    """Returns the rows of the worst flights: first those that failed, then by the end error."""
-    return sorted(rows, key=lambda row: (row["success"], -row["terminal_position_error_m"]))[:count]
+    """Returns the rows of the worst flights: those that failed, then by the miss or end error.
+
+    Surveys, and missions that ended with theirs, have no log of a flight, and are left out.
+    """
+
+    def rank(row: Row) -> tuple[bool, float]:
+        return row["success"], -(row.get("touch_miss_m") or row["terminal_position_error_m"])
+
+    flown = [row for row in rows if "terminal_position_error_m" in row]
+    return sorted(flown, key=rank)[:count]
 
 
 def replayed_flights(result: Result) -> list[Row]:
@@ -52,7 +61,7 @@ def path_transits(results: Results) -> list[int]:
 
 def flew_a_policy(result: Result) -> bool:
     """Whether a controller flew a policy, or used a policy's estimates."""
-    return any(row["policy_sha256"] is not None for row in result.flights)
+    return any(row.get("policy_sha256") is not None for row in result.flights)
 
 
 def shown_transits(results: Results) -> dict[str, list[int]]:
@@ -94,6 +103,23 @@ def shown_logs(
         variants, scenario, seed, shown_transits(results), folder,
         describe=describe_flight, workers=workers,
     )  # fmt: skip
+
+
+def mission_logs(results: Results, folder: Path) -> Logs:
+    """Returns the logs of the worst missions of each controller, which belong to a report.
+
+    Args:
+      folder: that of all missions, which has a folder of each.
+    """
+    return {
+        name: {
+            row["transit"]: FlightLog.load(
+                folder / task_name(name, row["seed"], row["transit"]) / "flight.nc"
+            )
+            for row in worst_flights(result.flights, _REPLAYED)
+        }
+        for name, result in results.items()
+    }
 
 
 def replay_page(name: str, row: Row) -> str:

@@ -6,16 +6,20 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from proxops.cli.main import app
 from proxops.diagrams import surveys
 from proxops.diagrams.flight import Workers
+from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.scenario import Body, Scenario, SurveyConfig, load_scenario
 from proxops.studies.campaigns import Variant, all_campaigns, fly_tasks, makes_a_map
 from proxops.studies.figures import aggregate_all, figure_rows
 from proxops.studies.reproduction import fly_and_tell
 from proxops.systems.common import InputError
+from proxops.systems.mapping import matched
 
 FIGURES = {
     "map_rms_of_size": 3e-4, "within_3_sigma": 0.999, "gravity_error": -2e-3, "rate_error": 1e-6,
@@ -123,4 +127,15 @@ def test_a_mission(tmp_path: Path) -> None:
     assert summary["policy_share"] > 0.5
     assert summary["survey_map_rms_of_size"] < 5e-4
     assert summary["survey_keep_out_entries"] == 0
-    assert (tmp_path / "flights/hybrid-6200-00000/flight.nc").is_file()
+    assert (tmp_path / "worst/hybrid-00000.html").is_file()
+    assert "worst/hybrid-00000.html" in (tmp_path / "report.html").read_text()
+    # What the survey measured lies on the true surface, but for returns that are false.
+    log = FlightLog.load(tmp_path / "flights/hybrid-6200-00000/flight.nc")
+    data, row = log.dataset, log.dataset["survey_frame"].values
+    turns = Rotation.from_quat(data["survey_attitude"].values[row], scalar_first=True)
+    along = turns.apply(log.scenario.lidar_geometry.directions[data["survey_ray"].values])
+    points = data["survey_state"].values[row, :3] + data["survey_range"].values[:, None] * along
+    shape = log.true_body.shape
+    off = np.abs(matched(points[::50], shape.vertices, shape.facets).heights)
+    assert np.percentile(off, 75.0) < 1.0
+    np.testing.assert_array_equal(data["survey_state"][-1], data["state"][0])
