@@ -29,7 +29,7 @@ from proxops.systems.assurance import AssuranceBounds, AssuranceConfig
 from proxops.systems.common import InputError, check_limits, spread_directions, values_in_words
 from proxops.systems.gravity import GravityField
 from proxops.systems.navigation import LidarNavigationConfig
-from proxops.systems.shapes import HEIGHT, Polyhedron, displaced, greatest_gap
+from proxops.systems.shapes import HEIGHT, Polyhedron, greatest_gap, roughened
 from proxops.systems.vehicle import STANDARD_GRAVITY
 
 # What has a normal distribution at each time, such as a Gauss-Markov process, has no end. It is
@@ -42,8 +42,6 @@ _SPEEDS = 6.0
 _DISTURBANCE = "disturbance.max_relative_magnitude"
 # Worlds and places of each in which gravity is compared, and what covers the gaps between them.
 _WORLDS, _PLACES, _GAPS = 6, 300, 1.25
-# A surface that is too rough for the mesh is tried with half the roughness, so often.
-_MOST_HALVINGS = 6
 
 
 def uncertainty_set(scenario: Scenario, body: Body) -> AssuranceBounds:
@@ -369,7 +367,7 @@ def _gravity_differences(
     for seed in range(_WORLDS):
         # All four pairs of ends.
         denser, larger = 1.0 - 2.0 * (seed % 2), 1.0 - 2.0 * (seed // 2 % 2)
-        surface = _rough(shape, rms, correlation, seed)
+        surface = roughened(shape, rms, correlation, seed)
         surface = Polyhedron((1.0 + larger * size) * surface.vertices, surface.facets)
         fields.append(GravityField(surface, mass=mass, contrast=denser * contrast))
     return _differences(GravityField(shape, mass=mass), semi_axes, fields)
@@ -384,17 +382,3 @@ def _differences(
     off = [np.abs(field.evaluate(places).acceleration - there).max() for field in worlds]
     shifts = [np.linalg.norm(field.centre_of_mass) for field in worlds]
     return _GAPS * float(max(off)), _GAPS * float(max(shifts))
-
-
-def _rough(shape: Polyhedron, rms: float, correlation: float, seed: int) -> Polyhedron:
-    """The roughest surface of a seed that a flight can have: where `rms` is too rough, of less."""
-    for halvings in range(_MOST_HALVINGS):
-        try:
-            return displaced(shape, rms / 2**halvings, correlation, seed)
-        except InputError:
-            continue
-    raise InputError(
-        f"truth.surface_rms_m is up to {rms:g} m, with which the surface of {shape.name} is not "
-        "sound, so its gravity cannot be bounded: give bounds, such as assurance.bounds={}, or "
-        "less roughness"
-    )

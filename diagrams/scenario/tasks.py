@@ -33,7 +33,7 @@ class SurveyConfig:
     """
 
     # Most time in the orbit of the survey.
-    hours: float = number(24.0, at_least=0.1, at_most=1e4, unit="h")
+    hours: float = number(48.0, at_least=0.1, at_most=1e4, unit="h")
     # It ends earlier when its map is good enough; null: it does not.
     enough: EnoughConfig | None = dc.field(default_factory=EnoughConfig)
     # Time that the approach may take.

@@ -21,6 +21,7 @@ from proxops.diagrams.scenario.spacecraft_solids import CORNERS, Solid, solids_o
 from proxops.diagrams.scenario.tasks import TouchAndGoConfig
 from proxops.systems.attitude import AttitudeGuidanceConfig
 from proxops.systems.common import InputError, Vector3, Vectors3, generator, rotation_matrix
+from proxops.systems.shapes import clearances
 from proxops.systems.touch import (
     LIMITS,
     Arm,
@@ -137,6 +138,13 @@ def with_site(scenario: Scenario, body: Body) -> Scenario:
     check_arm(craft, task)
     if task.site is None:
         sites, use = touch_map(scenario, body, task.limits)
+        if task.transit:
+            high = task.arm_m + task.descent.home_m
+            homes = sites.positions + high * sites.normals
+            margin = scenario.mpc.keep_out_margin_m
+            reached = clearances(body.keep_out_semi_axes, homes) >= margin
+            if (reached & (use <= 1.0).all(axis=1)).any():
+                sites, use = sites.taken(reached), use[reached]
         best = int(best_sites(sites, use, 1, 1.0)[0])
         task = dc.replace(task, site=sites.positions[best].tolist())
     elif len(task.site) != 3:

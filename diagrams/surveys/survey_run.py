@@ -37,8 +37,9 @@ from proxops.systems.mapping import (
 _FLIGHT = "survey.npz"
 _FIGURES = ("orbit_time", "delta_v", "clearance", "entries", "hours", "collided")
 _HISTORIES = ("rays", "times", "states", "attitudes", "forces")
-# It flies so much longer, first and if its map is not good enough yet, over the most time.
-_LONGER = 0.5
+# It flies so much longer, first and if its map is not good enough yet: at most so many hours, and
+# over the most time.
+_LEG, _LONGER = 12.0, 0.5
 # Share of the surface without which there is no map.
 _LEAST_SEEN = 0.9
 
@@ -70,7 +71,8 @@ def run_survey(
     task = scenario.task
     assert isinstance(task, SurveyConfig)
     flight, flying, times = _kept(folder / _FLIGHT, scenario, body), None, [0.0, 0.0]
-    done, hours = 0.0, _LONGER * task.hours
+    done, leg = 0.0, min(_LEG, _LONGER * task.hours)
+    hours = leg
     try:
         while True:
             started = time.perf_counter()
@@ -86,7 +88,7 @@ def run_survey(
             if _is_enough(flight, found, uncertainty, task):
                 check_seen(uncertainty.covered, flight.hours)
                 break
-            flight, hours = None, flight.hours + _LONGER * task.hours
+            flight, hours = None, flight.hours + leg
             done = min(done + 0.3, 0.7)
     finally:
         if flying is not None:

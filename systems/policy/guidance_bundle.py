@@ -40,6 +40,8 @@ _BEYOND = {
     "period": (0.0, 4.5),
     "pace": (0.0, math.inf),
 }
+# By which share of themselves semi-axes are told longer, so that an ellipsoid is in the family.
+_LENGTHENED = 0.02
 
 
 @dataclass(frozen=True)
@@ -89,14 +91,16 @@ class GuidanceBundle:
         If the speed limit is low for the thrust, it flies with a part of the thrust: with the
         acceleration for which the speed limit is the least that it learned. The network sees K
         turned so that the body is longest along x; z stays, unless the body is longest along it.
+        An ellipsoid that is a little rounder or flatter than those that it learned is told longer.
         """
-        numbers = around.numbers()
-        share = numbers["speed_limit"] / self.ranges["speed_limit"][0]
+        around = replace(around, order=_seen_from(around.semi_axes, 1e-6))
+        if any(name.startswith("semi_axis") for name in self.beyond(around.numbers())):
+            short = self.semi_axes_short(around)
+            if (short <= _LENGTHENED * around.semi_axes).all():
+                around = replace(around, semi_axes=around.semi_axes + short)
+        share = around.numbers()["speed_limit"] / self.ranges["speed_limit"][0]
         return replace(
-            around,
-            acceleration=around.acceleration * min(1.0, share) ** 2,
-            ranges=self.ranges,
-            order=_seen_from(around.semi_axes, 1e-6),
+            around, acceleration=around.acceleration * min(1.0, share) ** 2, ranges=self.ranges
         )
 
     def thrust_short(self, numbers: dict[str, float]) -> float:

@@ -18,7 +18,12 @@ from proxops.systems.shapes.boulders import (
     with_boulders,
     with_lone_boulder,
 )
-from proxops.systems.shapes.displacement import displaced, rigid_motions, vertex_normals
+from proxops.systems.shapes.displacement import (
+    displaced,
+    rigid_motions,
+    roughened,
+    vertex_normals,
+)
 from proxops.systems.shapes.ellipsoid import (
     blocks_segment,
     clearances,
@@ -90,6 +95,7 @@ __all__ = [
     "relief_of",
     "repair_mesh",
     "rigid_motions",
+    "roughened",
     "self_intersections",
     "shell_labels",
     "smallest_angles",

@@ -46,18 +46,28 @@ def displaced(shape: Polyhedron, rms: float, correlation: float, seed: int) -> P
       InputError: rms is negative, the correlation is not positive, or the mesh is not sound after
         the displacement (facets turn over or cut each other).
     """
-    check_not_negative("a displaced surface", rms=rms)
-    check_positive("a displaced surface", correlation=correlation)
     if rms == 0.0:
         return shape
+    vertices = _moved(shape, rms, correlation, seed)
+    _check_sound(shape, vertices, rms, correlation)
+    return Polyhedron(vertices, shape.facets, shape.name)
+
+
+def roughened(shape: Polyhedron, rms: float, correlation: float, seed: int) -> Polyhedron:
+    """`displaced`, but with facets that may cross, which gravity does not mind."""
+    return Polyhedron(_moved(shape, rms, correlation, seed), shape.facets, shape.name)
+
+
+def _moved(shape: Polyhedron, rms: float, correlation: float, seed: int) -> Vectors3:
+    """The vertices (V, 3) of `displaced`."""
+    check_not_negative("a displaced surface", rms=rms)
+    check_positive("a displaced surface", correlation=correlation)
     normals, weights = vertex_normals(shape)
     with one_thread():
         field = random_field(shape.vertices, correlation, seed)
         heights = field - _rigid_heights(shape, normals, weights, field)
         heights *= rms / np.sqrt(weights @ heights**2 / weights.sum())
-    vertices = shape.vertices + heights[:, None] * normals
-    _check_sound(shape, vertices, rms, correlation)
-    return Polyhedron(vertices, shape.facets, shape.name)
+    return shape.vertices + heights[:, None] * normals
 
 
 def random_field(points: Vectors3, correlation: float, seed: int) -> np.ndarray:

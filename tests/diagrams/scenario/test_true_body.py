@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from proxops.diagrams.scenario.body import load_body
 from proxops.systems.common.errors import InputError
 from proxops.systems.gravity.gravity_field import GravityField
-from proxops.systems.shapes import Polyhedron, displaced, halves, registered
+from proxops.systems.shapes import Polyhedron, displaced, halves, registered, roughened
 from proxops.systems.shapes.displacement import random_field
 
 MASS = 2.97e18
@@ -86,6 +86,22 @@ def test_covariance_of_the_field() -> None:
     assert np.abs(fields.mean(axis=0)).max() < 0.1
     kurtosis = (fields**4).mean() / (fields**2).mean() ** 2
     assert kurtosis == pytest.approx(3.0, abs=0.2)  # As of a Gaussian.
+
+
+def test_a_roughened_map_may_cross_itself(kleopatra: Polyhedron) -> None:
+    """Where it need not, it is the displaced one."""
+    np.testing.assert_array_equal(
+        roughened(kleopatra, 500.0, 15e3, 3).vertices, displaced(kleopatra, 500.0, 15e3, 3).vertices
+    )
+    with pytest.raises(InputError, match="smaller rms"):
+        displaced(kleopatra, 8e3, 5e3, 3)
+    rough = GravityField(roughened(kleopatra, 8e3, 5e3, 3), mass=1e18)
+    far = 1e7 * np.eye(3)
+    np.testing.assert_allclose(
+        rough.evaluate(far).acceleration,
+        GravityField(kleopatra, mass=1e18).evaluate(far).acceleration,
+        atol=1e-3 * 6.674e-11 * 1e18 / 1e14,
+    )
 
 
 def test_covariance_of_a_displaced_ball() -> None:

@@ -198,6 +198,17 @@ def test_what_it_says_of_the_keep_out_is_enough(axes: list[float]) -> None:
         GuidancePolicy(ASSETS / "any_body", half, 7.0)
 
 
+def test_a_body_that_is_a_little_rounder_is_told_longer() -> None:
+    told = dataclasses.replace(
+        surroundings(short_scenario(), kleopatra()), semi_axes=np.array([150e3, 149e3, 144e3])
+    )
+    policy = GuidancePolicy(ASSETS / "any_body", told, 7.0)
+    longer = policy.surroundings.semi_axes - told.semi_axes
+    assert 0.0 < longer.max() < 0.02 * 150e3
+    assert longer.min() == 0.0
+    assert not policy.bundle.beyond(policy.surroundings.numbers())
+
+
 def test_what_it_says_of_the_control_period_is_enough(bundle: Path) -> None:
     told = surroundings(short_scenario(), kleopatra())
     with pytest.raises(InputError, match="Give a control period up to") as caught:
