@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
 import json
 
 import numpy as np
@@ -57,6 +58,8 @@ def body_yaml(config: BodyConfig, remark: str) -> str:
         f"rotation_period_h: {_number(config.rotation_period_h)}  # about +z",
         *(["rotation: !TorqueFreeSpin {}  # about +z at the start"] if tumbles else []),
         f"keep_out_semi_axes_m: [{axes}]  # along x, y, z, about the centre of mass",
+        *(["moons:"] if config.moons else []),
+        *(f"  - {json.dumps(dc.asdict(moon))}" for moon in config.moons),
     ]
     return "\n".join(rows) + "\n"
 

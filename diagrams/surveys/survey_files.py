@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from proxops.diagrams.new_body import Questions, ShapeReport, body_yaml, examine
+from proxops.diagrams.new_body import Questions, body_yaml, examine
 from proxops.diagrams.scenario import (
     Body,
     Scenario,
@@ -34,7 +34,7 @@ from proxops.systems.common import (
     write_json,
     write_whole,
 )
-from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, GravityField, later
 from proxops.systems.mapping import Estimated, MapUncertainty, Survey, matched
 from proxops.systems.navigation import (
     LidarNavigationConfig,
@@ -136,8 +136,12 @@ def true_in(made: NewMap, survey: Survey, world: World) -> Placed:
     return Placed(placed, whole @ true.spin.rate, centre, whole, motion.apply(-a) + b)
 
 
-def body_of(made: NewMap, survey: Survey, name: str, craft_mass: float) -> ShapeReport:
+def body_of(
+    made: NewMap, survey: Survey, name: str, craft_mass: float, believed: Body, time: float
+) -> Body:
     """Examines the map as `proxops shape` does, with the survey's mass and period.
+
+    Moons are as `believed`, from a time in s on, and the keep-out ellipsoid holds what it held.
 
     Raises:
       InputError: the map is not sound.
@@ -152,8 +156,18 @@ def body_of(made: NewMap, survey: Survey, name: str, craft_mass: float) -> Shape
     if report.body is None:
         defects = ", ".join(each.kind for each in report.defects) or "its mass does not fit"
         raise InputError(f"the survey's map is not sound ({defects}): fly it for longer")
-    report.body.config.name, report.body.config.mesh = name, "map.obj"
-    return report
+    config, moons = report.body.config, believed.config.moons
+    config.name, config.mesh = name, "map.obj"
+    if not moons:
+        return report.body
+    axes = survey.body_attitudes(np.array([time]))[0] @ made.rotation.T
+    config.moons = [
+        dc.replace(later(moon, time, axes), mesh=f"moon_{k}.obj" if moon.mesh else "")
+        for k, moon in enumerate(moons)
+    ]
+    outside = np.maximum(believed.keep_out_semi_axes, report.body.keep_out_semi_axes)
+    config.keep_out_semi_axes_m = outside.tolist()
+    return dc.replace(report.body, moon_shapes=believed.moon_shapes)
 
 
 def expected_entries(
@@ -246,9 +260,8 @@ def write_survey(
     """
     survey, name = found.survey, f"{flight.world.body.config.name}, surveyed"
     made = new_map(survey, uncertainty, name)
-    report = body_of(made, survey, name, flight.world.scenario.spacecraft.mass_kg)
-    body = report.body
-    assert body is not None
+    world, end = flight.world, float(flight.returns.times[-1])
+    body = body_of(made, survey, name, world.scenario.spacecraft.mass_kg, world.body, end)
     make_folder(folder)
     save_mended_map(MendedMap(made.shape, MapError.known(made.table, 0.0)), folder / "map.obj")
     text = body_yaml(body.config, f"Surveyed by proxops: {len(found.returns.ranges)} returns")
@@ -265,8 +278,14 @@ def write_survey(
     )
     visit.navigation = LidarNavigationConfig(map="map.obj", map_unit="km", expected=told)
     write_text(folder / "visit.yaml", f"# Visits of {name}, by its survey.\n{dump_changes(visit)}")
-    content = mesh_bytes(true.vertices / _KM, true.facets, ".obj", "the truth of visit.yaml, km")
-    write_whole(folder / "truth.obj", lambda path: path.write_bytes(content))
+    meshes = {"truth.obj": true} | {
+        moon.mesh: shape
+        for moon, shape in zip(body.config.moons, body.moon_shapes, strict=True)
+        if shape is not None
+    }
+    for file, shape in meshes.items():
+        content = mesh_bytes(shape.vertices / _KM, shape.facets, ".obj", "in km")
+        write_whole(folder / file, lambda path, content=content: path.write_bytes(content))
     errors = surface_errors(made.shape, true, uncertainty)
     figures = survey_figures(errors, true, flight, uncertainty, visit.truth, found) | times
     figures |= {

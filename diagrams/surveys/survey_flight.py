@@ -33,12 +33,14 @@ from proxops.systems.common import (
     silent,
 )
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
-from proxops.systems.mapping import FEWEST, Around, Returns, SurveyController
+from proxops.systems.mapping import FEWEST, HIGHEST, Around, Returns, SurveyController
 from proxops.systems.shapes import clearances
 
 # The orbit's radius, over the longest semi-axis, with what that may be off; and over the radius of
 # an orbit that turns with the body.
 _LONGEST, _SYNCHRONOUS = 2.4, 1.7
+# And over how far out moons come that are near.
+_OUTSIDE = 1.8
 # The body turns by no more than so many degrees from frame to frame.
 _TURNED = 3.0
 # The ellipsoid is known to this share of each axis, at one standard deviation.
@@ -101,17 +103,20 @@ def around_of(scenario: Scenario, body: Body) -> Around:
         raise InputError("the scenario's task is no survey: set task: !Survey {}")
     if not body.spin.about_z:
         raise InputError(f"{body.config.name} tumbles, and a body that tumbles is not surveyed")
-    if body.moons:
-        raise InputError(
-            f"{body.config.name} has a moon, and a body with moons is not surveyed: the lidar's "
-            "returns do not tell them apart"
-        )
     axes = known_ellipsoid(scenario, body)
     gm = body.gravity_field.mass * GRAVITATIONAL_CONSTANT
     errors = survey_errors(scenario, body)
     longest = float(axes.max()) * (1.0 + 3.0 * _ELLIPSOID)
     synchronous = np.cbrt(gm * (1.0 + 3.0 * errors.gravity) / body.spin_about_z**2)
-    radius = scenario.task.radius_m or max(_LONGEST * longest, _SYNCHRONOUS * synchronous)
+    radius, keep_out = max(_LONGEST * longest, _SYNCHRONOUS * synchronous), longest
+    for moon in body.config.moons:
+        low, high = (1.0 + sign * moon.eccentricity for sign in (-1.0, 1.0))
+        reach = high * moon.semi_major_axis_m + moon.radius_m
+        # The orbit is outside of theirs, or far inside.
+        inside = scenario.task.radius_m or HIGHEST * radius
+        if low * moon.semi_major_axis_m - moon.radius_m < inside:
+            radius, keep_out = max(radius, _OUTSIDE * reach), max(keep_out, reach)
+    radius = scenario.task.radius_m or radius
     if radius < longest:
         raise InputError(
             f"task.radius_m: an orbit of {radius:.3g} m is not outside of any body that the "
@@ -130,8 +135,8 @@ def around_of(scenario: Scenario, body: Body) -> Around:
             f"frame to frame, at most {_TURNED:g} are allowed; set task.period_s lower"
         )
     return Around(
-        axes, gm, errors.gravity, body.spin_about_z, radius, longest, errors.acceleration,
-        errors.varying, errors.varying_time,
+        axes, gm, errors.gravity, body.spin_about_z, radius, keep_out, errors.acceleration,
+        errors.varying, errors.varying_time, body.config.moons,
     )  # fmt: skip
 
 
@@ -252,7 +257,9 @@ class _Kept:
             found = self._diagram.GetSubsystemByName(system)
             return found.GetOutputPort(port).Eval(found.GetMyContextFromRoot(context)).copy()
 
-        ranges, lidar = output("lidar", "ranges"), self._diagram.GetSubsystemByName("lidar")
+        masked = self._diagram.HasSubsystemNamed("moon_mask")
+        ranges = output("moon_mask" if masked else "lidar", "ranges")
+        lidar = self._diagram.GetSubsystemByName("lidar")
         port, within = lidar.GetInputPort("attitude"), lidar.GetMyContextFromRoot(context)
         turned = port.HasValue(within)
         self._attitudes.append(port.Eval(within).copy() if turned else np.eye(4)[0])

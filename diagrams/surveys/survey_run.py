@@ -37,9 +37,9 @@ from proxops.systems.mapping import (
 _FLIGHT = "survey.npz"
 _FIGURES = ("orbit_time", "delta_v", "clearance", "entries", "hours", "collided")
 _HISTORIES = ("rays", "times", "states", "attitudes", "forces")
-# It flies so much longer, first and if its map is not good enough yet: at most so many hours, and
-# over the most time.
-_LEG, _LONGER = 12.0, 0.5
+# It flies so much longer, first and if its map is not good enough yet, over the most time; half of
+# that if it is short, of so many hours.
+_LONGER, _SHORT = 0.25, 24.0
 # Share of the surface without which there is no map.
 _LEAST_SEEN = 0.9
 
@@ -71,7 +71,7 @@ def run_survey(
     task = scenario.task
     assert isinstance(task, SurveyConfig)
     flight, flying, times = _kept(folder / _FLIGHT, scenario, body), None, [0.0, 0.0]
-    done, leg = 0.0, min(_LEG, _LONGER * task.hours)
+    done, leg = 0.0, max(_LONGER * task.hours, 0.5 * min(task.hours, _SHORT))
     hours = leg
     try:
         while True:
@@ -103,8 +103,8 @@ def _found(
     flight: SurveyFlight, scenario: Scenario, body: Body, progress: Progress
 ) -> tuple[Estimated, MapUncertainty]:
     """What the frames of a flight show."""
-    around, expected = flight.around, told_errors(scenario, flight.world, body)
-    found = estimated(flight.returns, around.semi_axes, around.gm, around.rate, expected, progress)
+    expected = told_errors(scenario, flight.world, body)
+    found = estimated(flight.returns, flight.around, expected, progress)
     return found, map_uncertainty(found.survey, found.solution, found.returns)
 
 

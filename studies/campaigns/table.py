@@ -143,7 +143,7 @@ _REAL = ("bennu", "ryugu", "toutatis", "didymos")
 _SURVEYS = (("kleopatra", "first_look"), ("bennu", "approach"), ("ryugu", "approach"))
 _MISSIONS = (
     ("bennu_mission", "mission", 200), ("ryugu_mission", "mission", 50),
-    ("kleopatra_mission", "first_look", 50),
+    ("kleopatra_mission", "first_look", 50), ("didymos_mission", "approach", 50),
 )  # fmt: skip
 # Of bodies, and of real missions, maps and missions, for a first look.
 _FEW_BODIES, _FEW = 2, 1

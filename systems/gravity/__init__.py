@@ -24,9 +24,11 @@ from proxops.systems.gravity.moons import (
     Moons,
     ball,
     greatest_tide,
+    later,
     moon_axes,
     moon_position,
     tide_of,
+    tides,
 )
 from proxops.systems.gravity.point_mass_field import PointMassField
 from proxops.systems.gravity.polyhedral_gravity import PolyhedralGravity, PolyhedralGravity_
@@ -65,10 +67,12 @@ __all__ = [
     "find_equilibria",
     "gravity_at",
     "greatest_tide",
+    "later",
     "moon_axes",
     "moon_position",
     "plane_cut",
     "surface_map",
     "synchronous_radius",
     "tide_of",
+    "tides",
 ]

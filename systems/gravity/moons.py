@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
 import functools
 import math
 import operator
@@ -18,6 +19,7 @@ from proxops.systems.common import (
     Matrix3,
     Values,
     Vector3,
+    Vectors3,
     config,
     kernel,
     number,
@@ -229,6 +231,40 @@ def _tide(masses, orbits, attitude, time, position):
         a, b, c = tide_of(masses[moon], _place(orbits, moon, attitude, time), position)
         x, y, z = x + a, y + b, z + c
     return x, y, z
+
+
+def tides(moons: Sequence[MoonConfig], times: Values, positions: Vectors3) -> Vectors3:
+    """What moons add to the motion about the body (N, 3), in m/s^2 along the axes of N.
+
+    Args:
+      moons: the moons. times: (N,) in s. positions: (N, 3) in m along the same axes.
+    """
+    masses, orbits = np.array([moon.mass_kg for moon in moons]), _orbits_of(*map(_ELEMENTS, moons))
+    unturned = (1.0, 0.0, 0.0, 0.0)
+    return np.array(
+        [
+            _tide(masses, orbits, unturned, float(time), position)
+            for time, position in zip(times, positions, strict=True)
+        ]
+    )
+
+
+def later(moon: MoonConfig, time: float, axes: Matrix3) -> MoonConfig:
+    """A moon as it is told from a time in s on, by axes (3, 3) that are in the columns, in N."""
+    orbit = axes.T @ _orbit_axes(*_ELEMENTS(moon)[-3:])
+    across = math.hypot(orbit[0, 2], orbit[1, 2])
+    node, pericentre = math.atan2(orbit[0, 2], -orbit[1, 2]), math.atan2(orbit[2, 0], orbit[2, 1])
+    if across < 1e-9:  # In the equator, where there is no node.
+        node, pericentre = 0.0, math.atan2(orbit[1, 0], orbit[0, 0])
+    return dc.replace(
+        moon,
+        inclination_deg=math.degrees(math.atan2(across, orbit[2, 2])),
+        node_deg=math.degrees(node),
+        pericentre_deg=math.degrees(pericentre),
+        mean_anomaly_deg=math.remainder(
+            moon.mean_anomaly_deg + 360.0 * time / moon.period_s, 360.0
+        ),
+    )
 
 
 def greatest_tide(

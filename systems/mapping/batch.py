@@ -13,6 +13,7 @@ from proxops.systems.mapping.free_surface import Mesh, free_surface, oriented, u
 from proxops.systems.mapping.path import Path
 from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.spheres import sphere
+from proxops.systems.mapping.survey_filter import Around
 from proxops.systems.mapping.survey_fit import (
     GRAVITY,
     RATE,
@@ -72,27 +73,26 @@ class Estimated(NamedTuple):
 
 
 def estimated(
-    returns: Returns, semi_axes: Vector3, gm: float, rate: float, expected: Expected,
-    progress: Progress = silent,
-) -> Estimated:  # fmt: skip
+    returns: Returns, around: Around, expected: Expected, progress: Progress = silent
+) -> Estimated:
     """Estimates all that a survey can: see `Survey`.
 
     First one orbit is fitted to the middles of the frames. Then follow star-shaped maps, and free
     surfaces from the placed returns, each fitted to the returns together with all else.
 
     Args:
-      returns: what was measured. semi_axes: (3,) in m of an ellipsoid along B's axes.
-      gm, rate: as believed before, in m^3/s^2 and rad/s. expected: how wrong that may be.
+      returns: what was measured, without those of moons. around: what was believed before.
+      expected: how wrong that may be.
       progress: is called with the share done.
 
     Raises:
       InputError: the body was hardly seen, the returns show no closed surface, or a body of
         another size.
     """
-    longest = float(np.max(semi_axes))
+    semi_axes, longest = around.semi_axes, around.longest
     returns = returns.chosen(np.flatnonzero(of_body(returns, longest)))
     returns = returns.chosen(np.arange(0, len(returns.frames), 1 + len(returns.frames) // _MOST))
-    believed = _believed(returns, semi_axes, gm, rate, expected)
+    believed = _believed(returns, around, expected)
     survey = with_first_orbit(believed, returns, expected, semi_axes)
     size, done, solution = 2.0 * longest, 0.0, None
     whole = sum(stage.steps / stage.stride for stage in STAGES)
@@ -124,9 +124,7 @@ def _check_size(survey: Survey, semi_axes: Vector3) -> None:
         )
 
 
-def _believed(
-    returns: Returns, semi_axes: Vector3, gm: float, rate: float, expected: Expected
-) -> Survey:
+def _believed(returns: Returns, around: Around, expected: Expected) -> Survey:
     """What is believed before the survey; its path is at the origin."""
     start, end = float(returns.times[0]), float(returns.times[-1])
     spacing = _KNOTS * expected.varying_time
@@ -134,12 +132,13 @@ def _believed(
     path = Path.between(start, end, spacing, burns.times)
     nodes = max(2, round((end - start) / (_TURNS * expected.turning_time)) + 1)
     tail = np.zeros(TAIL)
-    tail[RATE], tail[GRAVITY] = rate, gm
+    tail[RATE], tail[GRAVITY] = around.rate, around.gm
     epoch, ball = 0.5 * (start + end), sphere(3)
     return Survey(
         path, np.zeros((path.size, 3)), (returns.times, returns.driven),
         np.zeros((nodes, 3)), np.linspace(start, end, nodes), tail,
-        epoch, rate * epoch, ball.vertices * semi_axes, ball.facets, burns.kicks,
+        epoch, around.rate * epoch, ball.vertices * around.semi_axes, ball.facets, burns.kicks,
+        around.moons,
     )  # fmt: skip
 
 

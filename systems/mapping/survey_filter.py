@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from proxops.systems.common import Matrix3, Values, Vector3
+from proxops.systems.gravity import MoonConfig, tides
 
 PLACE, VELOCITY, GM, OFFSET, CONSTANT = (
     slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 10), slice(10, 13),
@@ -45,6 +47,8 @@ class Around(NamedTuple):
     """One standard deviation in m/s^2 of one that varies, along each axis, over"""
     correlation: float
     """a time in s."""
+    moons: Sequence[MoonConfig] = ()
+    """As they are believed; N has the axes that B has at time 0."""
 
     @property
     def longest(self) -> float:
@@ -134,6 +138,8 @@ def predicted(flown: Flown, around: Around, time: float, thrust: Vector3, period
     known = thrust + turn @ flown.mean[CONSTANT]
     distance = float(np.linalg.norm(place))
     half = place + 0.5 * period * velocity
+    if around.moons:
+        known += tides(around.moons, np.array([time + 0.5 * period]), half[None])[0]
     pull = -gm * half / np.linalg.norm(half) ** 3 + known
     mean[PLACE] += period * velocity + 0.5 * period**2 * pull
     mean[VELOCITY] += period * pull

@@ -8,6 +8,7 @@ for all unknowns; heights of the map are eliminated first, because they are spar
 from __future__ import annotations
 
 import dataclasses as dc
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from proxops.systems.common import Values, Vector3, Vectors3, one_thread
+from proxops.systems.gravity import MoonConfig, tides
 from proxops.systems.mapping._nearest_kernel import nearest_of
 from proxops.systems.mapping._normal_kernel import LOCAL, add_returns
 from proxops.systems.mapping.mass_points import MassPoints
@@ -96,6 +98,8 @@ class Survey:
     facets: np.ndarray
     kicks: Values = dc.field(default_factory=lambda: np.zeros(0))
     """(B,) in m/s: by how much commands change the velocity at the kinks of the path."""
+    moons: Sequence[MoonConfig] = ()
+    """As they are believed; N has the axes that B is believed to have at time 0."""
 
     def body_attitudes(self, times: Values) -> np.ndarray:
         """R_NB (T, 3, 3) at times (T,) in s."""
@@ -352,6 +356,8 @@ def add_motion(survey: Survey, expected: Expected, matrix: np.ndarray, right: np
     constant = np.einsum("tij,j->ti", bodies, survey.tail[ACCELERATION])
     second = path.matrix(times, 2)
     residuals = second @ survey.coefficients - gm * pull - constant
+    if survey.moons:
+        residuals -= tides(survey.moons, times, positions)
     sigma = expected.varying * np.sqrt(2.0 * expected.varying_time / path.steps)
     size, count = 3 * path.size, len(right)
     rows = np.zeros((len(times), 3, count))

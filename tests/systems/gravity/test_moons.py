@@ -13,8 +13,10 @@ from proxops.systems.gravity import (
     MoonConfig,
     Moons,
     greatest_tide,
+    later,
     moon_position,
     tide_of,
+    tides,
 )
 from proxops.systems.rotation import SteadySpin
 
@@ -65,6 +67,30 @@ def test_the_tide_is_a_difference_of_two_pulls():
         total += wanted
     found = evaluated(Moons(moons, 0.0), "acceleration", time, position=position)
     np.testing.assert_allclose(found, total, rtol=1e-10)
+
+
+def test_tides_at_many_times_are_along_the_axes_of_n():
+    moons, times = [ALEXHELIOS, MoonConfig(5.8e14, 1e3, 499e3, 1.63 * 86400.0)], [0.0, 3e4, 7e5]
+    positions = np.array([[150e3, -20e3, 40e3], [1e5, 1e5, 0.0], [-2e5, 0.0, 9e4]])
+    spin = SteadySpin([1e-5, 0.0, 3e-4])
+    for time, position, found in zip(times, positions, tides(moons, times, positions), strict=True):
+        turn = Rotation.from_rotvec(time * spin.rate)
+        seen = turn.inv().apply(position)
+        wanted = evaluated(Moons(moons, spin), "acceleration", time, position=seen)
+        np.testing.assert_allclose(found, turn.apply(wanted), rtol=1e-9)
+
+
+@pytest.mark.parametrize("inclination", [20.0, 0.0, 160.0])
+def test_a_moon_that_is_told_later_by_other_axes_goes_the_same_way(inclination):
+    moon, time = dc.replace(ALEXHELIOS, inclination_deg=inclination), 1.3e5
+    axes = Rotation.from_rotvec([0.0, 0.0, 2.0] if inclination == 0.0 else [0.4, -0.3, 2.0])
+    after = later(moon, time, axes.as_matrix())
+    for more in (0.0, 5e4, 3e5):
+        np.testing.assert_allclose(
+            axes.apply(moon_position(after, more, STILL)),
+            moon_position(moon, time + more, STILL),
+            atol=1e-6 * moon.semi_major_axis_m,
+        )
 
 
 def test_the_bound_of_a_tide_holds():

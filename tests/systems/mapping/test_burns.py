@@ -1,12 +1,14 @@
 """Burns in a survey: kinks of its path, and the errors of small surveys beside their sigma."""
 
 import dataclasses as dc
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from proxops.systems.gravity import GRAVITATIONAL_CONSTANT, MoonConfig, moon_position, tide_of
 from proxops.systems.mapping.mass_points import MassPoints
 from proxops.systems.mapping.path import Path
 from proxops.systems.mapping.returns import Returns
@@ -21,10 +23,12 @@ from proxops.systems.mapping.survey_fit import (
     Weighting,
     improved,
 )
+from proxops.systems.rotation import SteadySpin
 from proxops.systems.shapes import Polyhedron, ray_caster
 
 AXES = np.array([100.0, 70.0, 55.0])
 GM, RADIUS, SPIN, END, PERIOD, SPACING = 2.0, 260.0, 3e-4, 36_000.0, 200.0, 600.0
+STILL = SteadySpin(np.zeros(3))
 BURN, KICK = 90, np.array([0.004, -0.006, 0.005])
 EXPECTED = Expected(
     noise=0.05, bias=0.0, scale=0.0, mounting=1e-3, turning=1e-9, turning_time=1e5, pole=0.01,
@@ -66,7 +70,7 @@ def flown(moving, start: float, end: float, state: np.ndarray, times: np.ndarray
     return found.sol(wanted).T
 
 
-def small_survey(seed: int) -> tuple[Returns, np.ndarray]:
+def small_survey(seed: int, moons: Sequence[MoonConfig] = ()) -> tuple[Returns, np.ndarray]:
     """Returns of an ellipsoid with flat facets, from an orbit with a burn that is 3 % off (1 σ)."""
     random, ball = np.random.default_rng(seed), sphere(3)
     shape = Polyhedron(ball.vertices * AXES, ball.facets, "ellipsoid")
@@ -75,7 +79,10 @@ def small_survey(seed: int) -> tuple[Returns, np.ndarray]:
     def moving(time: float, state: np.ndarray) -> np.ndarray:
         turn = Rotation.from_rotvec([0.0, 0.0, SPIN * time])
         pull = masses.pull(turn.inv().apply(state[:3])[None])[0][0]
-        return np.r_[state[3:], GM * turn.apply(pull)]
+        acceleration = GM * turn.apply(pull)
+        for moon in moons:
+            acceleration += tide_of(moon.mass_kg, moon_position(moon, time, STILL), state[:3])
+        return np.r_[state[3:], acceleration]
 
     times = np.arange(0.0, END + 1.0, PERIOD)
     speed = np.sqrt(GM / RADIUS)
@@ -105,9 +112,11 @@ def small_survey(seed: int) -> tuple[Returns, np.ndarray]:
     return returns, places
 
 
-def errors_of(seed: int) -> np.ndarray:
+def errors_of(
+    seed: int, moons: Sequence[MoonConfig] = (), believed: Sequence[MoonConfig] = ()
+) -> np.ndarray:
     """Errors (3,) of pole and rate over their standard deviations."""
-    returns, places = small_survey(seed)
+    returns, places = small_survey(seed, moons)
     burns = returns.burns(0.25 * SPACING).within(0.0, END)
     path, ball = Path.between(0.0, END, SPACING, burns.times), sphere(3)
     tail = np.zeros(TAIL)
@@ -115,6 +124,7 @@ def errors_of(seed: int) -> np.ndarray:
     survey = Survey(
         path, np.zeros((path.size, 3)), (returns.times, returns.driven), np.zeros((2, 3)),
         np.array([0.0, END]), tail, 0.0, 0.0, ball.vertices * AXES, ball.facets, burns.kicks,
+        believed,
     )  # fmt: skip
     value, free = path.matrix(returns.times), places - survey.moved(returns.times)
     start = np.linalg.lstsq(np.vstack([value, 1e-3 * np.eye(path.size)]),
@@ -132,3 +142,10 @@ def test_a_burn_that_is_off_moves_no_pole() -> None:
     """Over surveys, errors are as large as their standard deviations say."""
     errors = np.array([errors_of(seed) for seed in range(2)])
     assert np.sqrt(np.mean(errors**2, axis=0)).max() < 2.0
+
+
+def test_a_moon_that_is_believed_moves_no_pole() -> None:
+    """One of a hundredth of the body's mass, at twice the distance of the orbit."""
+    moon = [MoonConfig(0.01 * GM / GRAVITATIONAL_CONSTANT, 10.0, 520.0, 53_000.0)]
+    assert np.abs(errors_of(3, moon, moon)).max() < 3.0
+    assert np.abs(errors_of(3, moon)).max() > 5.0
