@@ -42,6 +42,7 @@ from proxops.systems.navigation import (
     MendedMap,
     save_mended_map,
 )
+from proxops.systems.rotation import TorqueFreeSpinConfig
 from proxops.systems.shapes import MeshFile, Polyhedron, areas, mesh_bytes, registered
 
 # What an expected error is at least, over the size or its value: a survey is sure of more than it
@@ -58,7 +59,7 @@ class Placed(NamedTuple):
     shape: Polyhedron
     """The true surface."""
     rate: Vector3
-    """(3,) in rad/s: the true angular velocity."""
+    """(3,) in rad/s: the true angular velocity at the end of the survey."""
     centre: Vector3
     """(3,) in m: the true centre of mass."""
     turn: Matrix3
@@ -97,33 +98,39 @@ class NewMap(NamedTuple):
     """(V, M) in m: see `MapError`."""
 
 
-def new_map(survey: Survey, uncertainty: MapUncertainty, name: str) -> NewMap:
-    """Puts the map into a frame K, with its long axis towards x.
+def new_map(survey: Survey, uncertainty: MapUncertainty, name: str, time: float) -> NewMap:
+    """Puts the map into a frame K, with its long axis towards x, and the spin at a time in s as z.
 
     Raises:
       InputError: the map is not sound.
     """
     shape = Polyhedron(survey.vertices, survey.facets, name)
-    centre = shape.centre_of_mass
-    flat = (survey.vertices - centre)[:, :2]
+    centre, upright = shape.centre_of_mass, np.eye(3)
+    if survey.tumbling is not None:
+        rate = survey.angular_velocity(time)
+        upright = Rotation.align_vectors([[0.0, 0.0, 1.0]], [rate])[0].as_matrix()
+    flat = (survey.vertices - centre) @ upright.T[:, :2]
     values, vectors = np.linalg.eigh(flat.T @ flat)
     x, y = vectors[:, int(np.argmax(values))]
     if x < 0.0:
         x, y = -x, -y
-    rotation = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
+    rotation = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]]) @ upright
     turned = Polyhedron((survey.vertices - centre) @ rotation.T, survey.facets, name)
     return NewMap(turned, rotation, centre, uncertainty.table)
 
 
 def true_attitude(world: World, time: float) -> Matrix3:
     """R_NK (3, 3) of a survey's flight at a time in s, by the axes N that are believed."""
-    phase = np.radians(world.scenario.truth.phase_deg)
-    behind = Rotation.from_rotvec([0.0, 0.0, -phase]).as_matrix()
+    phase, believed = np.radians(world.scenario.truth.phase_deg), world.body.spin
+    axis = np.array([0.0, 0.0, 1.0])
+    if not believed.about_z:  # As `SpinKnowledge` has it.
+        axis = believed.rate / np.linalg.norm(believed.rate)
+    behind = Rotation.from_rotvec(-phase * axis).as_matrix()
     return behind @ rotation_matrix(world.true_body.spin.attitude(time))
 
 
-def true_in(made: NewMap, survey: Survey, world: World) -> Placed:
-    """The truth in the frame K of the map, aligned as `registered` does."""
+def true_in(made: NewMap, survey: Survey, world: World, time: float) -> Placed:
+    """The truth in the frame K of the map, aligned as `registered` does, at a time in s."""
     true = world.true_body
     turn = made.rotation @ survey.body_attitudes(np.zeros(1))[0].T @ true_attitude(world, 0.0)
     moved = (true.shape.vertices - true.axis_point) @ turn.T - made.rotation @ made.centre
@@ -133,7 +140,8 @@ def true_in(made: NewMap, survey: Survey, world: World) -> Placed:
     a, b = true.shape.vertices.mean(axis=0), placed.vertices.mean(axis=0)
     motion = Rotation.align_vectors(placed.vertices - b, true.shape.vertices - a)[0]
     whole, centre = motion.as_matrix(), motion.apply(true.axis_point - a) + b
-    return Placed(placed, whole @ true.spin.rate, centre, whole, motion.apply(-a) + b)
+    rate = whole @ true.spin.angular_velocity(time)
+    return Placed(placed, rate, centre, whole, motion.apply(-a) + b)
 
 
 def body_of(
@@ -147,6 +155,8 @@ def body_of(
       InputError: the map is not sound.
     """
     gm, rate = survey.gm, abs(survey.rate)
+    if survey.tumbling is not None:
+        rate = float(np.linalg.norm(survey.angular_velocity(time)))
     asked = Questions(
         mass_kg=gm / GRAVITATIONAL_CONSTANT, rotation_period_h=2.0 * np.pi / rate / 3600.0,
         craft_mass_kg=craft_mass,
@@ -158,6 +168,8 @@ def body_of(
         raise InputError(f"the survey's map is not sound ({defects}): fly it for longer")
     config, moons = report.body.config, believed.config.moons
     config.name, config.mesh = name, "map.obj"
+    if survey.tumbling is not None:
+        config.rotation = TorqueFreeSpinConfig()
     if not moons:
         return report.body
     axes = survey.body_attitudes(np.array([time]))[0] @ made.rotation.T
@@ -259,8 +271,8 @@ def write_survey(
     for the figures.
     """
     survey, name = found.survey, f"{flight.world.body.config.name}, surveyed"
-    made = new_map(survey, uncertainty, name)
     world, end = flight.world, float(flight.returns.times[-1])
+    made = new_map(survey, uncertainty, name, end)
     body = body_of(made, survey, name, world.scenario.spacecraft.mass_kg, world.body, end)
     make_folder(folder)
     save_mended_map(MendedMap(made.shape, MapError.known(made.table, 0.0)), folder / "map.obj")
@@ -269,7 +281,7 @@ def write_survey(
     entries = expected_entries(scenario, uncertainty, survey, made, body)
     remark = "# What the survey may be wrong about: dispersions, for assurance.bounds.\n"
     write_text(folder / "expected.yaml", remark + write_yaml(_plain(entries)))
-    placed = true_in(made, survey, flight.world)
+    placed = true_in(made, survey, world, end)
     visit, true = visit_scenario(visits, flight, placed, body), placed.shape
     told = dc.replace(
         expected_of(visit, body, str(folder / "expected.yaml")),

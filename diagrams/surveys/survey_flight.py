@@ -34,6 +34,7 @@ from proxops.systems.common import (
 )
 from proxops.systems.gravity import GRAVITATIONAL_CONSTANT
 from proxops.systems.mapping import FEWEST, HIGHEST, Around, Returns, SurveyController
+from proxops.systems.rotation import TorqueFreeSpin
 from proxops.systems.shapes import clearances
 
 # The orbit's radius, over the longest semi-axis, with what that may be off; and over the radius of
@@ -41,6 +42,8 @@ from proxops.systems.shapes import clearances
 _LONGEST, _SYNCHRONOUS = 2.4, 1.7
 # And over how far out moons come that are near.
 _OUTSIDE = 1.8
+# A body turns so slowly that it hardly matters where that orbit is so many times as far out.
+_SLOW = 2.0
 # The body turns by no more than so many degrees from frame to frame.
 _TURNED = 3.0
 # The ellipsoid is known to this share of each axis, at one standard deviation.
@@ -101,14 +104,21 @@ def around_of(scenario: Scenario, body: Body) -> Around:
     """
     if not isinstance(scenario.task, SurveyConfig):
         raise InputError("the scenario's task is no survey: set task: !Survey {}")
-    if not body.spin.about_z:
-        raise InputError(f"{body.config.name} tumbles, and a body that tumbles is not surveyed")
+    tumbles = isinstance(body.spin, TorqueFreeSpin)
+    if not (body.spin.about_z or tumbles):
+        raise InputError(
+            f"{body.config.name} turns about another axis than z of its frame: turn its mesh, so "
+            "that it can be surveyed"
+        )
+    rate = body.spin_rate if tumbles else body.spin_about_z
     axes = known_ellipsoid(scenario, body)
     gm = body.gravity_field.mass * GRAVITATIONAL_CONSTANT
     errors = survey_errors(scenario, body)
     longest = float(axes.max()) * (1.0 + 3.0 * _ELLIPSOID)
-    synchronous = np.cbrt(gm * (1.0 + 3.0 * errors.gravity) / body.spin_about_z**2)
-    radius, keep_out = max(_LONGEST * longest, _SYNCHRONOUS * synchronous), longest
+    synchronous = np.cbrt(gm * (1.0 + 3.0 * errors.gravity) / rate**2)
+    radius, keep_out = _LONGEST * longest, longest
+    if synchronous < _SLOW * radius:
+        radius = max(radius, _SYNCHRONOUS * synchronous)
     for moon in body.config.moons:
         low, high = (1.0 + sign * moon.eccentricity for sign in (-1.0, 1.0))
         reach = high * moon.semi_major_axis_m + moon.radius_m
@@ -128,15 +138,15 @@ def around_of(scenario: Scenario, body: Body) -> Around:
             f"task.reach_m: the lidar never sees the body: it reaches {reach:.4g} m, and the "
             f"survey starts up to {start:.4g} m away"
         )
-    turned = math.degrees(abs(body.spin_about_z) * scenario.task.period_s)
+    turned = math.degrees(abs(rate) * scenario.task.period_s)
     if turned > _TURNED:
         raise InputError(
             f"the body spins too fast for its survey: it turns by {turned:.3g} degrees from "
             f"frame to frame, at most {_TURNED:g} are allowed; set task.period_s lower"
         )
     return Around(
-        axes, gm, errors.gravity, body.spin_about_z, radius, keep_out, errors.acceleration,
-        errors.varying, errors.varying_time, body.config.moons,
+        axes, gm, errors.gravity, rate, radius, keep_out, errors.acceleration, errors.varying,
+        errors.varying_time, body.config.moons, body.spin if tumbles else None,
     )  # fmt: skip
 
 
@@ -295,11 +305,7 @@ class _Kept:
         scenario, body = self._world.scenario, self._world.body
         times = np.array(self._times)
         chosen = np.flatnonzero(times >= self._orbit)
-        turns = around.rate * times[chosen]
-        attitudes = np.zeros((len(chosen), 3, 3))
-        attitudes[:, 0, 0] = attitudes[:, 1, 1] = np.cos(turns)
-        attitudes[:, 1, 0], attitudes[:, 0, 1] = np.sin(turns), -np.sin(turns)
-        attitudes[:, 2, 2] = 1.0
+        attitudes = np.array([around.turn(time) for time in times[chosen].tolist()])
         forces, mass = np.array(self._forces), scenario.spacecraft.mass_kg
         thrusts = np.einsum("fij,fj->fi", attitudes, forces[chosen]) / mass
         attitudes = attitudes @ np.array(self._axes)[chosen]

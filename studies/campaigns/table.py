@@ -144,6 +144,7 @@ _SURVEYS = (("kleopatra", "first_look"), ("bennu", "approach"), ("ryugu", "appro
 _MISSIONS = (
     ("bennu_mission", "mission", 200), ("ryugu_mission", "mission", 50),
     ("kleopatra_mission", "first_look", 50), ("didymos_mission", "approach", 50),
+    ("toutatis_mission", "approach", 50),
 )  # fmt: skip
 # Of bodies, and of real missions, maps and missions, for a first look.
 _FEW_BODIES, _FEW = 2, 1

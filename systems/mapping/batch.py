@@ -17,13 +17,18 @@ from proxops.systems.mapping.survey_filter import Around
 from proxops.systems.mapping.survey_fit import (
     GRAVITY,
     RATE,
+    ROTATION,
     TAIL,
+    TAIL_OF_TUMBLING,
     Expected,
     Solution,
     Survey,
+    Tumbling,
     Weighting,
     improved,
 )  # fmt: skip
+from proxops.systems.rotation import TorqueFreeSpin
+from proxops.systems.shapes import mass_properties
 
 # Knots of the path, over the time in which the acceleration's correlation falls to 1/e; and of the
 # attitude. A burn is taken as one kick for at most this share of the time between knots.
@@ -106,6 +111,8 @@ def estimated(
         for _ in range(stage.steps):
             progress(done / whole, f"a map of {len(survey.facets)} facets")
             survey, solution = improved(survey, some, believed, expected, weighting)
+            if free:
+                survey = _with_inertia(survey)
             done += 1.0 / stage.stride
         _check_size(survey, semi_axes)
     assert solution is not None
@@ -131,14 +138,18 @@ def _believed(returns: Returns, around: Around, expected: Expected) -> Survey:
     burns = returns.burns(_BURN * spacing).within(start, end)
     path = Path.between(start, end, spacing, burns.times)
     nodes = max(2, round((end - start) / (_TURNS * expected.turning_time)) + 1)
-    tail = np.zeros(TAIL)
+    tail = np.zeros(TAIL if around.spin is None else TAIL_OF_TUMBLING)
     tail[RATE], tail[GRAVITY] = around.rate, around.gm
     epoch, ball = 0.5 * (start + end), sphere(3)
+    tumbling = None
+    if isinstance(around.spin, TorqueFreeSpin):
+        tail[ROTATION] = around.spin.angular_velocity(epoch)
+        tumbling = Tumbling(around.turn(epoch), around.spin.inertia)
     return Survey(
         path, np.zeros((path.size, 3)), (returns.times, returns.driven),
         np.zeros((nodes, 3)), np.linspace(start, end, nodes), tail,
         epoch, around.rate * epoch, ball.vertices * around.semi_axes, ball.facets, burns.kicks,
-        around.moons,
+        around.moons, tumbling,
     )  # fmt: skip
 
 
@@ -150,3 +161,11 @@ def _freed(survey: Survey, returns: Returns, facets: int) -> Survey:
     points = oriented(placed.points, rays)
     mesh = free_surface(points, 1.1 * float(points.areas.sum()), facets)
     return dc.replace(survey, vertices=mesh.vertices, facets=mesh.facets)
+
+
+def _with_inertia(survey: Survey) -> Survey:
+    """The survey of a body that tumbles, with the inertia of its map."""
+    if survey.tumbling is None:
+        return survey
+    inertia = mass_properties(survey.vertices, survey.facets).inertia
+    return dc.replace(survey, tumbling=survey.tumbling._replace(inertia=inertia))

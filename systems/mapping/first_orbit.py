@@ -152,7 +152,7 @@ def with_first_orbit(
     survey = dc.replace(survey, coefficients=start, tail=survey.tail.copy())
     believed = survey.tail[GRAVITY][0]
     count = size + survey.turns.size + len(survey.tail)
-    gm = count - len(survey.tail) + GRAVITY.start
+    gm = count + GRAVITY.start
     chosen = np.r_[np.arange(size), gm]
     for _ in range(_ITERATIONS):
         matrix, right = np.zeros((count, count)), np.zeros(count)

@@ -112,7 +112,7 @@ class SurveyController(LeafSystem):
             return
         mean, turn = values[:STATES], self.around.turn(context.get_time())
         place = mean[PLACE] @ turn
-        turning = np.cross([0.0, 0.0, self.around.rate], place)
+        turning = np.cross(self.around.angular_velocity(context.get_time()), place)
         output.SetFromVector(np.concatenate([place, mean[VELOCITY] @ turn - turning]))
 
     def _force(self, time: float, values: Values) -> Vector3:

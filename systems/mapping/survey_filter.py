@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proxops.systems.common import Matrix3, Values, Vector3
+from proxops.systems.common import Matrix3, Values, Vector3, rotation_matrix
 from proxops.systems.gravity import MoonConfig, tides
+from proxops.systems.rotation import SpinModel
 
 PLACE, VELOCITY, GM, OFFSET, CONSTANT = (
     slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 10), slice(10, 13),
@@ -49,6 +50,8 @@ class Around(NamedTuple):
     """a time in s."""
     moons: Sequence[MoonConfig] = ()
     """As they are believed; N has the axes that B has at time 0."""
+    spin: SpinModel | None = None
+    """How a body turns that tumbles, with `rate` at time 0; None: about z."""
 
     @property
     def longest(self) -> float:
@@ -71,8 +74,16 @@ class Around(NamedTuple):
 
     def turn(self, time: float) -> Matrix3:
         """R_NB (3, 3) at a time in s, as believed."""
+        if self.spin is not None:
+            return rotation_matrix(self.spin.attitude(time))
         c, s = math.cos(self.rate * time), math.sin(self.rate * time)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def angular_velocity(self, time: float) -> Vector3:
+        """(3,) in rad/s in B at a time in s, as believed."""
+        if self.spin is not None:
+            return self.spin.angular_velocity(time)
+        return np.array([0.0, 0.0, self.rate])
 
 
 class Flown(NamedTuple):

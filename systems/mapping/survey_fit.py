@@ -18,23 +18,32 @@ from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from proxops.systems.common import Values, Vector3, Vectors3, one_thread
+from proxops.systems.common import Matrix3, Values, Vector3, Vectors3, one_thread
 from proxops.systems.gravity import MoonConfig, tides
 from proxops.systems.mapping._nearest_kernel import nearest_of
 from proxops.systems.mapping._normal_kernel import LOCAL, add_returns
 from proxops.systems.mapping.mass_points import MassPoints
 from proxops.systems.mapping.path import DEGREE, Path
 from proxops.systems.mapping.returns import Returns
+from proxops.systems.rotation import TorqueFreeSpin
 from proxops.systems.shapes import Surface, vertex_normals
 
 # Facets, by nearness of their centroids, among which the nearest point is looked for.
 _CANDIDATES = 8
-# Unknowns that all returns depend on, then those of the dynamics.
-MOUNTING, POLE, RATE, BIAS, SCALE, BEAM, AFFINE, GRAVITY, ACCELERATION = (
-    slice(0, 3), slice(3, 5), slice(5, 6), slice(6, 7), slice(7, 8), slice(8, 9), slice(9, 21),
-    slice(21, 22), slice(22, 25),
+# Unknowns that all returns depend on, then those of the dynamics. A body that tumbles has an
+# inertia, too.
+MOUNTING, ROTATION, POLE, RATE, BIAS, SCALE, BEAM, AFFINE, INERTIA, GRAVITY, ACCELERATION = (
+    slice(0, 3), slice(3, 6), slice(3, 5), slice(5, 6), slice(6, 7), slice(7, 8), slice(8, 9),
+    slice(9, 21), slice(21, 26), slice(-4, -3), slice(-3, None),
 )  # fmt: skip
-TAIL = 25
+TAIL, TAIL_OF_TUMBLING = 25, 30
+# Relative step of rates, and of an inertia over its trace, by which derivatives of a rotation are
+# taken; and what an inertia may be off that of the map.
+_RATE_STEP, _UNEVEN = 1e-5, 1e-4
+# What changes an inertia, but for its size.
+_UNEVENLY = np.zeros((5, 3, 3))
+_UNEVENLY[[0, 0, 1, 1], [0, 1, 1, 2], [0, 1, 1, 2]] = [1.0, -1.0, 1.0, -1.0]
+_UNEVENLY[[2, 2, 3, 3, 4, 4], [0, 1, 0, 2, 1, 2], [1, 0, 2, 0, 2, 1]] = 1.0
 # A vertex moves in one step by no more than about this share of the edges' length, where no return
 # says how far.
 _STEP = 0.3
@@ -73,6 +82,16 @@ class Expected(NamedTuple):
     """Of the thrust's acceleration, over that."""
 
 
+class Tumbling(NamedTuple):
+    """How a body turns that tumbles. Its angular velocity at the epoch is estimated."""
+
+    start: Matrix3
+    """R_NB (3, 3) at the epoch: it is chosen, not estimated."""
+    inertia: Matrix3
+    """(3, 3) in B, up to a factor: of the map with uniform density, once there is one. By how much
+    it is off is estimated."""
+
+
 @dc.dataclass
 class Survey:
     """What is estimated, as it is now."""
@@ -86,9 +105,10 @@ class Survey:
     """(A, 3) in rad: rotation vectors in S, of the attitude's error at `turn_times`."""
     turn_times: Values
     tail: np.ndarray
-    """(TAIL,): mounting (3) in rad, pole (2) in rad, rate in rad/s, bias in m, scale, half beam in
-    rad, twelve that stay 0, and of gravity the GM in m^3/s^2 and a constant acceleration (3) in
-    m/s^2 in B."""
+    """(TAIL,): mounting (3) in rad, pole (2) in rad and rate in rad/s (of a body that tumbles: its
+    angular velocity at the epoch (3) in rad/s in B), bias in m, scale, half beam in rad, twelve
+    that stay 0, where it tumbles what its inertia over its trace is off that of the map (5), and of
+    gravity the GM in m^3/s^2 and a constant acceleration (3) in m/s^2 in B."""
     epoch: float
     """Time in s at which the phase is `phase`."""
     phase: float
@@ -100,12 +120,46 @@ class Survey:
     """(B,) in m/s: by how much commands change the velocity at the kinks of the path."""
     moons: Sequence[MoonConfig] = ()
     """As they are believed; N has the axes that B is believed to have at time 0."""
+    tumbling: Tumbling | None = None
+    """None: it turns steadily about z of B."""
 
     def body_attitudes(self, times: Values) -> np.ndarray:
         """R_NB (T, 3, 3) at times (T,) in s."""
+        if self.tumbling is not None:
+            return self._turned(self.tail, times)
         about = self.tail[RATE] * (times - self.epoch) + self.phase
         spins = Rotation.from_rotvec(about[:, None] * [0.0, 0.0, 1.0])
         return (self.pole * spins).as_matrix()
+
+    def _spin(self, tail: Values) -> TorqueFreeSpin:
+        assert self.tumbling is not None
+        even = self.tumbling.inertia / np.trace(self.tumbling.inertia)
+        return TorqueFreeSpin(even + np.tensordot(tail[INERTIA], _UNEVENLY, 1), tail[ROTATION])
+
+    def _turned(self, tail: Values, times: Values) -> np.ndarray:
+        assert self.tumbling is not None
+        attitudes = self._spin(tail).attitudes(times - self.epoch)
+        turned = Rotation.from_quat(attitudes, scalar_first=True).as_matrix()
+        return self.tumbling.start @ turned
+
+    def turning(self, times: Values) -> np.ndarray:
+        """Rotation vectors (T, 8, 3) in N by which B turns more, by each of ROTATION and INERTIA.
+
+        Of a body that tumbles.
+        """
+        now, turned = self.body_attitudes(times).transpose(0, 2, 1), []
+        for k in (*range(ROTATION.start, ROTATION.stop), *range(INERTIA.start, INERTIA.stop)):
+            step = _RATE_STEP * (self.rate if k < ROTATION.stop else 1.0)
+            other = self.tail.copy()
+            other[k] += step
+            turned.append(Rotation.from_matrix(self._turned(other, times) @ now).as_rotvec() / step)
+        return np.stack(turned, axis=1)
+
+    def angular_velocity(self, time: float) -> Vector3:
+        """(3,) in rad/s in B at a time in s."""
+        if self.tumbling is None:
+            return np.array([0.0, 0.0, self.rate])
+        return self._spin(self.tail).angular_velocity(time - self.epoch)
 
     @property
     def gm(self) -> float:
@@ -114,7 +168,9 @@ class Survey:
 
     @property
     def rate(self) -> float:
-        """The spin rate in rad/s."""
+        """The spin rate in rad/s; of a body that tumbles, its size at the epoch."""
+        if self.tumbling is not None:
+            return float(np.linalg.norm(self.tail[ROTATION]))
         return float(self.tail[RATE][0])
 
     @property
@@ -255,7 +311,8 @@ def improved(
     variances = weighting.surface**2 + (expected.noise * incidences) ** 2
     # Cauchy's weights: an outlier counts little.
     weights = 1.0 / (variances + residuals**2 / 4.0)
-    count, size = 3 * survey.path.size + survey.turns.size + TAIL, len(survey.vertices)
+    count = 3 * survey.path.size + survey.turns.size + len(survey.tail)
+    size = len(survey.vertices)
     equations = np.zeros((count, count)), np.zeros((size, count)), np.zeros(count)
     add_returns(
         returns.frames, _starts(survey, returns), rows, residuals, weights, corners, motions,
@@ -308,8 +365,9 @@ def _nodes(survey: Survey, returns: Returns) -> np.ndarray:
 def _rows(
     survey: Survey, returns: Returns, placed: Placed, match: Match
 ) -> tuple[np.ndarray, Values]:
-    """Derivatives (K, LOCAL) of the residuals, and the cosines (K,) of the incidence."""
-    rows, frames = np.empty((len(returns.frames), LOCAL)), returns.frames
+    """Derivatives (K, LOCAL or more) of the residuals, and the cosines (K,) of the incidence."""
+    width, frames = LOCAL + len(survey.tail) - TAIL, returns.frames
+    rows = np.empty((len(frames), width))
     normals = np.einsum("kij,kj->ki", placed.bodies[frames], match.normals)  # In N.
     basis = survey.path.basis(returns.times).values[frames]
     spline = 3 * (DEGREE + 1)
@@ -324,8 +382,12 @@ def _rows(
     tail = rows[:, spline + 6 :]
     tail[:, MOUNTING] = turn
     body = -np.cross(placed.inertial, normals)
-    tail[:, POLE] = body[:, :2]
-    tail[:, RATE] = ((returns.times - survey.epoch)[frames] * (body @ survey.axis))[:, None]
+    if survey.tumbling is None:
+        tail[:, POLE] = body[:, :2]
+        tail[:, RATE] = ((returns.times - survey.epoch)[frames] * (body @ survey.axis))[:, None]
+    else:
+        turning = np.einsum("ki,kpi->kp", body, survey.turning(returns.times)[frames])
+        tail[:, ROTATION], tail[:, INERTIA] = turning[:, :3], turning[:, 3:]
     slant = np.einsum("ki,ki->k", placed.along, normals)
     tail[:, BIAS] = -slant[:, None]
     tail[:, SCALE] = -(slant * returns.ranges)[:, None]
@@ -366,9 +428,15 @@ def add_motion(survey: Survey, expected: Expected, matrix: np.ndarray, right: np
         rows[:, i, i:size:3] = second
         for j in range(3):
             rows[:, i, j:size:3] -= gradient[:, i, j, None] * value
-    tail = rows[:, :, count - TAIL :]
+    tail = rows[:, :, count - len(survey.tail) :]
     tail[:, :, GRAVITY] = -pull[:, :, None]
     tail[:, :, ACCELERATION] = -bodies
+    if survey.tumbling is not None:
+        # B turns beneath the spacecraft, and what pulls in B turns with it.
+        turning, along = survey.turning(times), (gm * pull + constant)[:, None]
+        moved = np.einsum("tij,tkj->tik", gradient, np.cross(turning, positions[:, None]))
+        moved -= np.cross(turning, along).transpose(0, 2, 1)
+        tail[:, :, ROTATION], tail[:, :, INERTIA] = moved[:, :, :3], moved[:, :, 3:]
     rows = rows.reshape(-1, count) / np.repeat(sigma, 3)[:, None]
     matrix += rows.T @ rows
     right += rows.T @ (residuals / sigma[:, None]).ravel()
@@ -390,12 +458,15 @@ def _add_priors(
     sigma = np.r_[
         np.full(3, hold * expected.mounting), np.full(2, hold * expected.pole),
         hold * expected.rate * rate, expected.bias, expected.scale, expected.beam,
-        np.full(12, weighting.slide), expected.gravity * gm, np.full(3, expected.acceleration),
+        np.full(12, weighting.slide), np.full(len(prior.tail) - TAIL, hold * _UNEVEN),
+        expected.gravity * gm, np.full(3, expected.acceleration),
     ]  # fmt: skip
-    sigma = np.maximum(
-        sigma, 1e-12 * np.r_[np.ones(5), rate, 1e3, 1.0, 1.0, np.ones(12), gm, np.ones(3)]
-    )
-    tail = np.arange(count - TAIL, count)
+    least = np.r_[np.ones(5), rate, 1e3, np.ones(len(prior.tail) - 11), gm, np.ones(3)]
+    sigma = np.maximum(sigma, 1e-12 * least)
+    tail = np.arange(count - len(prior.tail), count)
+    if survey.tumbling is not None:
+        # What it is wrong by at the start has spread over all axes at the epoch.
+        sigma[ROTATION] = hold * expected.pole * rate
     matrix[tail, tail] += sigma**-2.0
     right[tail] += (survey.tail - prior.tail) / sigma**2
     held = np.exp(-np.diff(survey.turn_times) / expected.turning_time)
@@ -434,8 +505,9 @@ def _smoothness(
 def _stepped(survey: Survey, step: Values, risen: Values, outward: Vectors3) -> Survey:
     """The survey after a step of its global unknowns (G,) and of the heights (V,)."""
     size, count = survey.coefficients.size, len(step)
-    turns = survey.turns + step[size : count - TAIL].reshape(-1, 3)
-    tail = survey.tail + step[count - TAIL :]
+    shared = count - len(survey.tail)
+    turns = survey.turns + step[size:shared].reshape(-1, 3)
+    tail = survey.tail + step[shared:]
     moved = tail[AFFINE].reshape(4, 3).copy()
     tail[AFFINE] = 0.0
     vertices = survey.vertices + risen[:, None] * outward

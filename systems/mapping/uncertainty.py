@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +12,9 @@ from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.survey_fit import (
     AFFINE,
     GRAVITY,
+    INERTIA,
     RATE,
-    TAIL,
+    ROTATION,
     Solution,
     Survey,
     matched,
@@ -78,7 +80,7 @@ def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> Map
     own = np.abs(np.mean(signs * solution.factor.solve(signs), axis=1))
     # Heights follow the global unknowns: h = h0 - cross g, but for what moves all of the map.
     count = len(solution.covariance)
-    tail = count - TAIL
+    tail = count - len(survey.tail)
     moving = -solution.cross.copy()
     size = float(np.ptp(vertices, axis=0).max())
     places = np.concatenate([np.ones((len(vertices), 1)), vertices / size], axis=1)
@@ -107,15 +109,38 @@ def map_uncertainty(survey: Survey, solution: Solution, returns: Returns) -> Map
     areas = vertex_normals(Surface(vertices, facets))[1]
     weights = areas / areas.sum()
     sigma = np.sqrt(np.diag(solution.covariance)[tail:])
+    rate, axis = float(sigma[RATE][0] / abs(survey.rate)), 0.0
+    if survey.tumbling is not None:
+        rate, axis = _of_the_rate(survey, solution.covariance[tail:, tail:], returns.times[-1])
     # Of the map against the axis and the centre of mass: what all of it has in common, and what
     # the errors of single vertices do to a registration.
     common = np.einsum("ig,gh,ih->i", whole, solution.covariance, whole)
     motion = np.sqrt(common + register**2 @ spread**2)
     return MapUncertainty(
         deviations, table, float(weights @ spread**2), float(np.mean(edges)), counts,
-        float(sigma[GRAVITY][0] / survey.gm), float(motion[3:5].max()) / size,
-        float(sigma[RATE][0] / abs(survey.rate)), motion[:3], weights,
+        float(sigma[GRAVITY][0] / survey.gm),
+        float(np.hypot(motion[3:5].max() / size, axis)), rate, motion[:3], weights,
     )  # fmt: skip
+
+
+def _of_the_rate(survey: Survey, covariance: np.ndarray, time: float) -> tuple[float, float]:
+    """Of the angular velocity of a body that tumbles: its size, over that, and direction in rad.
+
+    At a time in s; `covariance` is that of the survey's tail.
+    """
+    now, columns = survey.angular_velocity(time), []
+    size = float(np.linalg.norm(now))
+    known = [*range(ROTATION.start, ROTATION.stop), *range(INERTIA.start, INERTIA.stop)]
+    for k in known:
+        step, tail = 1e-5 * (size if k < ROTATION.stop else 1.0), survey.tail.copy()
+        tail[k] += step
+        columns.append((dc.replace(survey, tail=tail).angular_velocity(time) - now) / step)
+    by = np.stack(columns, axis=1)
+    spread = by @ covariance[np.ix_(known, known)] @ by.T
+    along = now / size
+    across = np.eye(3) - np.outer(along, along)
+    widest = float(np.linalg.eigvalsh(across @ spread @ across)[-1])
+    return float(np.sqrt(along @ spread @ along)) / size, float(np.sqrt(widest)) / size
 
 
 def _coarseness(match, counts, facets, solution: Solution) -> Values:

@@ -101,6 +101,16 @@ def turned_at(motion, time):
 
 
 @kernel(error_model="numpy")
+def attitudes_at(motion, start, times):
+    """R_NK (N, 4) as quaternions at times (N,) in s, with R_NJ given as 4 numbers."""
+    found = np.empty((times.size, 4))
+    for k in range(times.size):
+        turned, _, _ = turned_at(motion, times[k])
+        found[k, 0], found[k, 1], found[k, 2], found[k, 3] = _product(start, turned)
+    return found
+
+
+@kernel(error_model="numpy")
 def _precession(motion, time, angle):
     """The integral phi of phi' = L (1 / I3 + e sn^2 / (1 + d sn^2)) since time 0, in rad."""
     _, b, c = motion.moments

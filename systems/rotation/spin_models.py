@@ -31,7 +31,7 @@ from proxops.systems.common import (
     rotation_matrix,
     vector,
 )
-from proxops.systems.rotation._torque_free_kernel import Motion, rates_at, turned_at
+from proxops.systems.rotation._torque_free_kernel import Motion, attitudes_at, rates_at, turned_at
 
 # A body whose w x L is below this share of |w| |L| turns about a principal axis.
 _STEADY = 1e-12
@@ -234,6 +234,12 @@ class TorqueFreeSpin:
     def attitude(self, time: float) -> Quaternion:
         """R_NK at a time in s."""
         return self._at(time)[0]
+
+    def attitudes(self, times: Values) -> np.ndarray:
+        """R_NK (N, 4) at times (N,) in s."""
+        if self._motion is None:
+            return np.array([self.attitude(time) for time in times.tolist()]).reshape(-1, 4)
+        return attitudes_at(self._motion, self._start, times)
 
     @cached_property
     def _start(self) -> Quaternion:

@@ -1,5 +1,6 @@
 """`proxops survey`: what it refuses, and what it writes. tests/benchmarks has a whole one."""
 
+import dataclasses as dc
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import proxops
+from scipy.spatial.transform import Rotation
 
 from proxops.diagrams.scenario import (
     Scenario,
@@ -14,6 +16,7 @@ from proxops.diagrams.scenario import (
     change_scenario,
     load_body,
     load_scenario,
+    make_true_body,
 )
 from proxops.diagrams.surveys import run_survey, survey_run
 from proxops.diagrams.surveys.survey_files import NewMap, true_in, visit_scenario
@@ -21,7 +24,7 @@ from proxops.diagrams.surveys.survey_flight import Flying, around_of, survey_wor
 from proxops.systems.common import InputError
 from proxops.systems.gravity import moon_position
 from proxops.systems.mapping import FEWEST, Returns
-from proxops.systems.rotation import SteadySpin
+from proxops.systems.rotation import SteadySpin, SteadySpinConfig, TorqueFreeSpin
 
 
 def survey(**task):
@@ -68,9 +71,20 @@ def test_a_map_of_half_a_body_is_refused() -> None:
         survey_run.check_seen(0.51, 20.0)
 
 
-def test_a_body_that_tumbles_is_refused() -> None:
-    with pytest.raises(InputError, match="Toutatis tumbles"):
-        around_of(survey(), load_body("toutatis"))
+def test_a_body_that_lies_on_its_side_is_refused() -> None:
+    body = load_body("bennu")
+    config = dc.replace(body.config, rotation=SteadySpinConfig([1.0, 0.0, 1.0]))
+    with pytest.raises(InputError, match="turns about another axis than z"):
+        around_of(survey(), dc.replace(body, config=config))
+
+
+def test_a_slow_body_is_surveyed_from_nearby() -> None:
+    """At Toutatis an orbit that turns with the body is eight semi-axes out."""
+    body = load_body("toutatis")
+    around = around_of(survey(), body)
+    assert around.radius < 3.0 * around.longest
+    np.testing.assert_allclose(around.turn(0.0), np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(around.angular_velocity(0.0), body.spin.rate)
 
 
 def test_an_orbit_is_outside_of_moons_that_are_near() -> None:
@@ -84,6 +98,29 @@ def test_an_orbit_is_outside_of_moons_that_are_near() -> None:
     inside = around_of(survey(radius_m=0.7 * moon.semi_major_axis_m), body)
     assert inside.radius == 0.7 * moon.semi_major_axis_m
     assert inside.keep_out < 0.5 * reach
+
+
+@pytest.mark.slow
+def test_a_body_that_tumbles_is_surveyed(tmp_path: Path) -> None:
+    """Also how it turns at the end of the survey, which its file says of the start of a visit."""
+    given = load_scenario("toutatis", dispersions="approach")
+    given.task, given.transit.seed = SurveyConfig(hours=80.0), 72
+    surveyed = run_survey(given, load_body("toutatis"), tmp_path)
+    figures = surveyed.figures
+    assert figures["map_rms_of_size"] < 5e-4
+    assert figures["within_3_sigma"] > 0.99
+    assert figures["keep_out_entries"] == 0
+    assert abs(figures["gravity_error"]) < 3.0 * figures["gravity_deviation"]
+    assert abs(figures["rate_error"]) < 4.0 * figures["rate_deviation"]
+    assert figures["pole_error_deg"] < 4.0 * figures["pole_deviation_deg"]
+    body = load_body(tmp_path / "body.yaml")
+    assert isinstance(body.spin, TorqueFreeSpin)
+    # Truth and belief tumble alike for a day.
+    true = surveyed.placed, make_true_body(body, surveyed.visit.truth, surveyed.placed.shape)
+    np.testing.assert_allclose(true[1].spin.rate, true[0].rate, rtol=1e-6, atol=1e-12)
+    turns = [spin.attitudes(np.array([86_400.0])) for spin in (body.spin, true[1].spin)]
+    first, second = (Rotation.from_quat(turn, scalar_first=True) for turn in turns)
+    assert np.degrees((first.inv() * second).magnitude()[0]) < 0.2
 
 
 @pytest.mark.slow
@@ -203,7 +240,7 @@ def test_visits_keep_what_they_are_and_take_the_survey_s_world() -> None:
     attitude = np.diag([1.0, 1.0, 1.0])[None]
     found: Any = SimpleNamespace(body_attitudes=lambda times: attitude)
     touch = load_scenario("bennu_touch_and_go")
-    placed = true_in(made, found, world)
+    placed = true_in(made, found, world, 0.0)
     visit, true = visit_scenario(touch, flight, placed, body), placed.shape
     assert visit.task == touch.task
     assert visit.spacecraft == touch.spacecraft

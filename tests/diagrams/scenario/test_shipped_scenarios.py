@@ -22,7 +22,7 @@ CRAFT = {"bennu": "osiris_rex", "ryugu": "hayabusa2", "toutatis": "osiris_rex"}
 
 def test_scenarios_ship_under_the_names_of_their_bodies() -> None:
     tasks = ["bennu_touch_and_go"]
-    tasks += [f"{body}_mission" for body in ("bennu", "didymos", "kleopatra", "ryugu")]
+    tasks += [f"{body}_mission" for body in ("bennu", "didymos", "kleopatra", "ryugu", "toutatis")]
     names = ["bennu", "didymos", "kleopatra", "ryugu", "toutatis"]
     assert sorted(shipped_scenarios()) == sorted(names + tasks)
     assert load_scenario("kleopatra") == load_scenario()
@@ -83,7 +83,7 @@ def test_spacecraft_is_as_its_model(name: str) -> None:
 def test_a_scenario_that_does_not_ship(name: str) -> None:
     names = (
         "bennu, bennu_mission, bennu_touch_and_go, didymos, didymos_mission, kleopatra, "
-        "kleopatra_mission, ryugu, ryugu_mission, toutatis"
+        "kleopatra_mission, ryugu, ryugu_mission, toutatis, toutatis_mission"
     )
     with pytest.raises(InputError, match=rf"does not ship .*\({names} do"):
         load_scenario(name)

@@ -62,7 +62,7 @@ def handed_over() -> HandedOver:
     turned = Polyhedron((body.shape.vertices - centre) @ turn.T, body.shape.facets)
     made = NewMap(turned, turn, centre, np.zeros((len(turned.vertices), 1)))
     first: Any = SimpleNamespace(body_attitudes=lambda times: true_attitude(world, 0.0)[None])
-    placed = true_in(made, first, world)
+    placed = true_in(made, first, world, 0.0)
 
     def believed(times: np.ndarray) -> np.ndarray:
         ahead = Rotation.from_rotvec([0.0, 0.0, AHEAD_DEG], degrees=True).as_matrix()

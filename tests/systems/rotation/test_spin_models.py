@@ -143,6 +143,18 @@ def test_body_rotation_puts_its_spin_out():
         np.testing.assert_array_equal(value, getattr(spin, name)(3.0))
 
 
+@pytest.mark.parametrize("rate", [[0.2, 1.0, 0.4], [0.0, 0.0, 1.0]])
+def test_attitudes_at_many_times(rate):
+    """Before time 0, too; a quaternion and its negative are one."""
+    spin, times = TorqueFreeSpin(np.diag([1.0, 1.6, 2.0]), rate), np.array([-7.0, 0.0, 0.3, 25.0])
+    found = spin.attitudes(times)
+    for time, each in zip(times, found, strict=True):
+        assert abs(each @ spin.attitude(float(time))) == pytest.approx(1.0, abs=1e-14)
+    turned = Rotation.from_quat(found, scalar_first=True)
+    momentum = spin.angular_velocity(times) @ spin.inertia
+    np.testing.assert_allclose(turned.apply(momentum), np.tile(momentum[1], (4, 1)), atol=1e-12)
+
+
 def test_what_is_no_rotation_is_refused():
     with pytest.raises(InputError, match="exceeds the sum"):
         TorqueFreeSpin(np.diag([1.0, 1.0, 3.0]), np.ones(3))
