@@ -125,8 +125,9 @@ def test_its_log_has_the_survey_in_the_frame_of_the_map(handed_over: HandedOver)
         np.linalg.norm(now[:, None] - shape.vertices[:50], axis=2),
         np.linalg.norm(before[:, None] - handed_over.world.true_body.shape.vertices[:50], axis=2),
     )
-    start = handed_over.after.transit.start_m, handed_over.after.transit.start_velocity_m_s
-    np.testing.assert_allclose(data["survey_state"].values[-1], np.concatenate(start))
+    transit = handed_over.after.transit
+    start = [*(transit.start_m or []), *(transit.start_velocity_m_s or [])]
+    np.testing.assert_allclose(data["survey_state"].values[-1], start)
     assert data["survey_time"].values[[0, -1]].tolist() == [-TIME, 0.0]
 
 
