@@ -4,10 +4,13 @@ from functools import cache
 
 import numpy as np
 
-from proxops.diagrams.logs.flight_log import FlightLog, make_dataset
+from proxops.diagrams.logs.flight_log import FlightLog, make_dataset, with_survey
 from proxops.diagrams.scenario import Scenario, load_body
 from proxops.systems.lidar import ray_directions
 from proxops.systems.shapes.ray_casting import RayCaster
+
+APPROACH = 3
+"""Rows of a survey before its first frame."""
 
 
 @cache
@@ -60,3 +63,25 @@ def synthetic_log(steps: int = 480, ranges: bool = True) -> FlightLog:
         "wall_s": 1.0,
     }
     return FlightLog(make_dataset(columns, times, scenario, body, attributes), body)
+
+
+def surveyed_log() -> FlightLog:
+    """The synthetic flight after half a round at twice its distance, whose frames see a point."""
+    flight = synthetic_log(60)
+    times = np.linspace(-36_000.0, 0.0, 1200)
+    turn = np.linspace(0.0, np.pi, len(times))
+    positions = 300e3 * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+    # Each is turned about z so that the ray along x looks at the origin.
+    half = 0.5 * (turn + np.pi)
+    attitude = np.stack([np.cos(half), 0.0 * turn, 0.0 * turn, np.sin(half)], axis=1)
+    directions = flight.scenario.lidar_geometry.directions
+    frames = np.arange(APPROACH, len(times))
+    columns = {
+        "survey_state": np.hstack([positions, np.zeros_like(positions)]),
+        "survey_attitude": attitude,
+        "survey_force": np.full_like(positions, 0.5),
+        "survey_frame": frames,
+        "survey_ray": np.full(len(frames), int(np.argmax(directions[:, 0]))),
+        "survey_range": np.full(len(frames), 200e3),
+    }
+    return with_survey(flight, times, columns)

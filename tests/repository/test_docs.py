@@ -30,7 +30,7 @@ from pages import (
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, LeafSystem, PortDataType, System
 from short_flights import NEAR, SHORT, kleopatra, write_blob
-from synthetic_log import synthetic_log
+from synthetic_log import surveyed_log, synthetic_log
 from typer.main import get_command
 
 from proxops import systems
@@ -199,6 +199,8 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
     (tmp_path / "out" / "flight").mkdir(parents=True)
     synthetic_log().to_netcdf(tmp_path / "out" / "flight" / "flight.nc")  # `make fly` leaves it.
+    (tmp_path / "out" / "mission").mkdir()
+    surveyed_log().to_netcdf(tmp_path / "out" / "mission" / "flight.nc")
     (tmp_path / "out" / "full").mkdir()
     copy_flights(tmp_path / "out").rename(tmp_path / "out" / "full" / "flights")
     return tmp_path

@@ -6,38 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from meshcat_pages import known, points_of
-from synthetic_log import synthetic_log
+from synthetic_log import APPROACH, surveyed_log, synthetic_log
 
-from proxops.diagrams.logs import FlightLog, with_survey
+from proxops.diagrams.logs import FlightLog
 from proxops.diagrams.meshcat import write_replay
 from proxops.diagrams.meshcat.meshcat_page import PLAYBACK_SPEED
 from proxops.diagrams.meshcat.survey_chapter import shown_times, survey_rows, with_survey_rows
 from proxops.systems.common import InputError
 
-HOURS, APPROACH = 10.0, 3
 UNIT = 100e3  # m for a unit of the picture.
-
-
-def surveyed_log() -> FlightLog:
-    """The synthetic flight after half a round at twice its distance, whose frames see a point."""
-    flight = synthetic_log(60)
-    times = np.linspace(-3600.0 * HOURS, 0.0, 1200)
-    turn = np.linspace(0.0, np.pi, len(times))
-    positions = 300e3 * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
-    # Each is turned about z so that the ray along x looks at the origin.
-    half = 0.5 * (turn + np.pi)
-    attitude = np.stack([np.cos(half), 0.0 * turn, 0.0 * turn, np.sin(half)], axis=1)
-    directions = flight.scenario.lidar_geometry.directions
-    frames = np.arange(APPROACH, len(times))
-    columns = {
-        "survey_state": np.hstack([positions, np.zeros_like(positions)]),
-        "survey_attitude": attitude,
-        "survey_force": np.full_like(positions, 0.5),
-        "survey_frame": frames,
-        "survey_ray": np.full(len(frames), int(np.argmax(directions[:, 0]))),
-        "survey_range": np.full(len(frames), 200e3),
-    }
-    return with_survey(flight, times, columns)
 
 
 @pytest.fixture(scope="module")
