@@ -42,6 +42,8 @@ _SPEEDS = 6.0
 _DISTURBANCE = "disturbance.max_relative_magnitude"
 # Worlds and places of each in which gravity is compared, and what covers the gaps between them.
 _WORLDS, _PLACES, _GAPS = 6, 300, 1.25
+# A surface that is too rough for its gravity is tried with half the roughness, so often.
+_MOST_HALVINGS = 6
 
 
 def uncertainty_set(scenario: Scenario, body: Body) -> AssuranceBounds:
@@ -367,10 +369,31 @@ def _gravity_differences(
     for seed in range(_WORLDS):
         # All four pairs of ends.
         denser, larger = 1.0 - 2.0 * (seed % 2), 1.0 - 2.0 * (seed // 2 % 2)
-        surface = roughened(shape, rms, correlation, seed)
-        surface = Polyhedron((1.0 + larger * size) * surface.vertices, surface.facets)
-        fields.append(GravityField(surface, mass=mass, contrast=denser * contrast))
+        fields.append(
+            _rough_field(
+                shape, mass, denser * contrast, 1.0 + larger * size, (rms, correlation, seed)
+            )
+        )
     return _differences(GravityField(shape, mass=mass), semi_axes, fields)
+
+
+def _rough_field(
+    shape: Polyhedron,
+    mass: float,
+    contrast: float,
+    size: float,
+    rough: tuple[float, float, int],
+) -> GravityField:
+    """Gravity of a rough surface; where it cannot be cut in two any more, of one less rough."""
+    rms, *rest = rough
+    for _ in range(_MOST_HALVINGS):
+        try:
+            surface = roughened(shape, rms, *rest)
+            surface = Polyhedron(size * surface.vertices, surface.facets)
+            return GravityField(surface, mass=mass, contrast=contrast)
+        except InputError:
+            rms *= 0.5
+    return GravityField(shape, mass=mass, contrast=contrast)
 
 
 def _differences(
