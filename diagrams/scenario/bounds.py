@@ -385,10 +385,10 @@ def _rough_field(
     rough: tuple[float, float, int],
 ) -> GravityField:
     """Gravity of a rough surface; where it cannot be cut in two any more, of one less rough."""
-    rms, *rest = rough
+    rms, correlation, seed = rough
     for _ in range(_MOST_HALVINGS):
         try:
-            surface = roughened(shape, rms, *rest)
+            surface = roughened(shape, rms, correlation, seed)
             surface = Polyhedron(size * surface.vertices, surface.facets)
             return GravityField(surface, mass=mass, contrast=contrast)
         except InputError:
