@@ -185,6 +185,7 @@ VARIABLES = {
 }  # fmt: skip
 """Each column, in the order of the file."""
 SURVEY = {
+    "survey_time": Column(("survey_time",), "s", "time to the flight, at most 0"),
     "survey_state": Column(
         ("survey_time", "component"), _OF_A_STATE, "position and velocity of the spacecraft in K",
     ),
@@ -202,7 +203,7 @@ SURVEY = {
     ),
     "survey_range": Column(("survey_return",), "m", "range as measured"),
 }  # fmt: skip
-"""A survey in a mission's log, with all dimensions. `survey_time`, in s, is at most 0."""
+"""A survey in a mission's log, with all dimensions."""
 DERIVED = {
     "position_inertial": Column(
         ("axis",), "m", "position in the non-turning frame that is K at time 0"
@@ -240,8 +241,8 @@ NAVIGATION_COLUMNS = [
 ]
 """Columns of a flight with a navigation: all of them, or none."""
 RESERVED_COLUMNS = {
-    *VARIABLES, *DERIVED, *RECORDS, *SURVEY, "survey_time", "survey_return",
-    "time", "command", *SIZES, "plane", "ray", "mesh_vertices",
+    *VARIABLES, *DERIVED, *RECORDS, *SURVEY, "survey_return", "time",
+    "command", *SIZES, "plane", "ray", "mesh_vertices",
     "mesh_facets", "vertex", "facet", "true_vertices", "true_facets", "true_vertex", "true_facet",
     "corner",
 }  # fmt: skip

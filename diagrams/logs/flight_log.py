@@ -250,15 +250,9 @@ def make_dataset(
     )
 
 
-def with_survey(log: FlightLog, times: Values, columns: dict[str, np.ndarray]) -> FlightLog:
-    """The log of a mission: that of its last flight, and what happened in the survey before.
-
-    Args:
-      times: (N,) in s, at most 0. columns: of `SURVEY`, all of them.
-    """
-    data: dict[str, typing.Any] = {
-        "survey_time": ("survey_time", times, {"units": "s", "long_name": "time to the flight"})
-    }
+def with_survey(log: FlightLog, columns: dict[str, np.ndarray]) -> FlightLog:
+    """The log of a mission: that of its last flight, and all columns of `SURVEY` beside."""
+    data: dict[str, typing.Any] = {}
     for name, column in SURVEY.items():
         _, values, notes = _variable(column, columns[name])
         data[name] = column.dimensions, values, notes
@@ -338,7 +332,7 @@ def differences(first: FlightLog, second: FlightLog) -> list[str]:
     """
     one, other = first.dataset, second.dataset
     names = {*map(str, one.variables)} | {*map(str, other.variables)}
-    names = sorted(names - {*WALL_TIMES, *SURVEY, "survey_time"})
+    names = sorted(names - {*WALL_TIMES, *SURVEY})
     changed = [
         name
         for name in names

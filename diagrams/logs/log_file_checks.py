@@ -81,7 +81,7 @@ def missing_entries(data: xr.Dataset) -> list[str]:
 
 def wrong_entries(data: xr.Dataset) -> list[str]:
     """Lists the variables and attributes whose types, dimensions or values no flight gives."""
-    schema = {"time": ("time",), "survey_time": ("survey_time",)}
+    schema = {"time": ("time",)}
     schema |= {name: ("time", *column.dimensions) for name, column in VARIABLES.items()}
     schema |= {name: column.dimensions for name, column in SURVEY.items()}
     wrong = [
@@ -92,7 +92,7 @@ def wrong_entries(data: xr.Dataset) -> list[str]:
     ]
     wrong += [name for name, size in SIZES.items() if data.sizes.get(name, size) != size]
     wrong += [name for name in COORDINATES if name not in data.sizes]
-    for together in (NAVIGATION_COLUMNS, [*SURVEY, "survey_time"]):
+    for together in (NAVIGATION_COLUMNS, SURVEY):
         missing = [name for name in together if name not in data.variables]
         if len(missing) < len(together):
             wrong += missing
@@ -101,7 +101,7 @@ def wrong_entries(data: xr.Dataset) -> list[str]:
     wrong += [name for name in numbers if not isinstance(data.attrs[name], float | int | np.number)]
     if wrong:
         return wrong
-    finite = [name for name in (*_FINITE, *SURVEY, "survey_time") if name in data.variables]
+    finite = [name for name in (*_FINITE, *SURVEY) if name in data.variables]
     wrong = [name for name in finite if not (np.abs(data[name].values) <= _LARGEST).all()]
     for name in {"time", "survey_time"} & {*finite} - {*wrong}:
         if not (data.sizes[name] and _increases(data[name].values)):

@@ -393,7 +393,11 @@ def _rough_field(
             return GravityField(surface, mass=mass, contrast=contrast)
         except InputError:
             rms *= 0.5
-    return GravityField(shape, mass=mass, contrast=contrast)
+    raise InputError(
+        f"truth.surface_rms_m is up to {rough[0]:g} m, with which the surface of {shape.name} is "
+        "not sound, so its gravity cannot be bounded: give bounds, such as assurance.bounds={}, or "
+        "less roughness"
+    )
 
 
 def _differences(

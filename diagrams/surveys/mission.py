@@ -78,6 +78,7 @@ def whole_log(surveyed: Surveyed, log: FlightLog) -> FlightLog:
     attitudes = Rotation.from_matrix(turn) * Rotation.from_quat(flight.attitudes, scalar_first=True)
     row = np.searchsorted(flight.times, flight.returns.times)[flight.returns.frames]
     columns = {
+        "survey_time": flight.times - flight.times[-1],
         "survey_state": np.hstack([positions, flight.states[:, 3:] @ turn.T]),
         "survey_attitude": attitudes.as_quat(canonical=True, scalar_first=True),
         "survey_force": flight.forces,
@@ -85,7 +86,7 @@ def whole_log(surveyed: Surveyed, log: FlightLog) -> FlightLog:
         "survey_ray": flight.rays.astype(np.int32),
         "survey_range": flight.returns.ranges,
     }
-    return with_survey(log, flight.times - flight.times[-1], columns)
+    return with_survey(log, columns)
 
 
 def begin_mission(

@@ -104,13 +104,13 @@ def around_of(scenario: Scenario, body: Body) -> Around:
     """
     if not isinstance(scenario.task, SurveyConfig):
         raise InputError("the scenario's task is no survey: set task: !Survey {}")
-    tumbles = isinstance(body.spin, TorqueFreeSpin)
-    if not (body.spin.about_z or tumbles):
+    tumbling = body.spin if isinstance(body.spin, TorqueFreeSpin) else None
+    if tumbling is None and not body.spin.about_z:
         raise InputError(
             f"{body.config.name} turns about another axis than z of its frame: turn its mesh, so "
             "that it can be surveyed"
         )
-    rate = body.spin_rate if tumbles else body.spin_about_z
+    rate = body.spin_about_z if tumbling is None else body.spin_rate
     axes = known_ellipsoid(scenario, body)
     gm = body.gravity_field.mass * GRAVITATIONAL_CONSTANT
     errors = survey_errors(scenario, body)
@@ -146,7 +146,7 @@ def around_of(scenario: Scenario, body: Body) -> Around:
         )
     return Around(
         axes, gm, errors.gravity, rate, radius, keep_out, errors.acceleration, errors.varying,
-        errors.varying_time, body.config.moons, body.spin if tumbles else None,
+        errors.varying_time, body.config.moons, tumbling,
     )  # fmt: skip
 
 

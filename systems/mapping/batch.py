@@ -27,7 +27,6 @@ from proxops.systems.mapping.survey_fit import (
     Weighting,
     improved,
 )  # fmt: skip
-from proxops.systems.rotation import TorqueFreeSpin
 from proxops.systems.shapes import mass_properties
 
 # Knots of the path, over the time in which the acceleration's correlation falls to 1/e; and of the
@@ -142,7 +141,7 @@ def _believed(returns: Returns, around: Around, expected: Expected) -> Survey:
     tail[RATE], tail[GRAVITY] = around.rate, around.gm
     epoch, ball = 0.5 * (start + end), sphere(3)
     tumbling = None
-    if isinstance(around.spin, TorqueFreeSpin):
+    if around.spin is not None:
         tail[ROTATION] = around.spin.angular_velocity(epoch)
         tumbling = Tumbling(around.turn(epoch), around.spin.inertia)
     return Survey(

@@ -10,7 +10,7 @@ import numpy as np
 
 from proxops.systems.common import Matrix3, Values, Vector3, rotation_matrix
 from proxops.systems.gravity import MoonConfig, tides
-from proxops.systems.rotation import SpinModel
+from proxops.systems.rotation import TorqueFreeSpin
 
 PLACE, VELOCITY, GM, OFFSET, CONSTANT = (
     slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 10), slice(10, 13),
@@ -50,7 +50,7 @@ class Around(NamedTuple):
     """a time in s."""
     moons: Sequence[MoonConfig] = ()
     """As they are believed; N has the axes that B has at time 0."""
-    spin: SpinModel | None = None
+    spin: TorqueFreeSpin | None = None
     """How a body turns that tumbles, with `rate` at time 0; None: about z."""
 
     @property

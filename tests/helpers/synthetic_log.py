@@ -77,6 +77,7 @@ def surveyed_log() -> FlightLog:
     directions = flight.scenario.lidar_geometry.directions
     frames = np.arange(APPROACH, len(times))
     columns = {
+        "survey_time": times,
         "survey_state": np.hstack([positions, np.zeros_like(positions)]),
         "survey_attitude": attitude,
         "survey_force": np.full_like(positions, 0.5),
@@ -84,4 +85,4 @@ def surveyed_log() -> FlightLog:
         "survey_ray": np.full(len(frames), int(np.argmax(directions[:, 0]))),
         "survey_range": np.full(len(frames), 200e3),
     }
-    return with_survey(flight, times, columns)
+    return with_survey(flight, columns)
