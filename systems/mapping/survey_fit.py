@@ -402,10 +402,34 @@ def _rows(
 
 
 def add_motion(survey: Survey, expected: Expected, matrix: np.ndarray, right: np.ndarray) -> None:
-    """Adds the equation of motion at the path's places: p'' = gravity + constant.
+    """Adds the equation of motion at the path's places, and what each burn is wrong by.
 
     What the commanded thrust does is in `Survey.moved`; it may be wrong by a share. Each burn is
     short, so what it is wrong by is a jump of the velocity.
+    """
+    path, size = survey.path, 3 * survey.path.size
+    rows, residuals = motion_rows(survey, len(right))
+    sigma = expected.varying * np.sqrt(2.0 * expected.varying_time / path.steps)
+    rows = rows.reshape(-1, len(right)) / np.repeat(sigma, 3)[:, None]
+    matrix += rows.T @ rows
+    right += rows.T @ (residuals / sigma[:, None]).ravel()
+    jumps = path.jumps / (expected.thrust * survey.kicks)[:, None]
+    for i in range(3):
+        axis = np.arange(i, size, 3)
+        matrix[np.ix_(axis, axis)] += jumps.T @ jumps
+        right[axis] += jumps.T @ (jumps @ survey.coefficients[:, i])
+
+
+def motion_rows(survey: Survey, count: int) -> tuple[np.ndarray, Vectors3]:
+    """The equation of motion, p'' = gravity + constant, at the P places of the path.
+
+    How B turns, if it is steadily, is left to the returns: they know it far better.
+
+    Args:
+      survey: as it is now. count: of the global unknowns, G.
+
+    Returns:
+      Derivatives (P, 3, G) of the residuals, and the residuals (P, 3) in m/s^2 in N.
     """
     path, times = survey.path, survey.path.places
     bodies = survey.body_attitudes(times)
@@ -420,10 +444,8 @@ def add_motion(survey: Survey, expected: Expected, matrix: np.ndarray, right: np
     residuals = second @ survey.coefficients - gm * pull - constant
     if survey.moons:
         residuals -= tides(survey.moons, times, positions)
-    sigma = expected.varying * np.sqrt(2.0 * expected.varying_time / path.steps)
-    size, count = 3 * path.size, len(right)
+    size, value = 3 * path.size, path.matrix(times)
     rows = np.zeros((len(times), 3, count))
-    value = path.matrix(times)
     for i in range(3):
         rows[:, i, i:size:3] = second
         for j in range(3):
@@ -437,14 +459,7 @@ def add_motion(survey: Survey, expected: Expected, matrix: np.ndarray, right: np
         moved = np.einsum("tij,tkj->tik", gradient, np.cross(turning, positions[:, None]))
         moved -= np.cross(turning, along).transpose(0, 2, 1)
         tail[:, :, ROTATION], tail[:, :, INERTIA] = moved[:, :, :3], moved[:, :, 3:]
-    rows = rows.reshape(-1, count) / np.repeat(sigma, 3)[:, None]
-    matrix += rows.T @ rows
-    right += rows.T @ (residuals / sigma[:, None]).ravel()
-    jumps = path.jumps / (expected.thrust * survey.kicks)[:, None]
-    for i in range(3):
-        axis = np.arange(i, size, 3)
-        matrix[np.ix_(axis, axis)] += jumps.T @ jumps
-        right[axis] += jumps.T @ (jumps @ survey.coefficients[:, i])
+    return rows, residuals
 
 
 def _add_priors(

@@ -13,12 +13,16 @@ from proxops.systems.mapping.path import Path
 from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.spheres import sphere
 from proxops.systems.mapping.survey_fit import (
+    ACCELERATION,
     AFFINE,
     GRAVITY,
     RATE,
+    ROTATION,
     TAIL,
+    TAIL_OF_TUMBLING,
     Expected,
     Survey,
+    Tumbling,
     Weighting,
     improved,
     matched,
@@ -82,23 +86,55 @@ def residuals(survey: Survey, returns: Returns, match: survey_fit.Match) -> np.n
     return np.einsum("ki,ki->k", points - corner, match.normals)
 
 
-STEPS = [*[(i, 1e-6) for i in range(5)], (5, 1e-10), (6, 1e-3), (7, 1e-6)]
-
-
-@pytest.mark.parametrize(("unknown", "step"), STEPS)
-def test_derivatives_of_what_all_returns_share(case, unknown: int, step: float) -> None:
+@pytest.fixture(scope="module")
+def tumbling(case) -> tuple[Survey, Returns]:
+    """The same path about a body that tumbles."""
     survey, returns = case
-    placed = survey.placed(returns)
-    match = matched(placed.points, survey.vertices, survey.facets)
-    rows, _ = survey_fit._rows(survey, returns, placed, match)
-    found = rows[:, 24 + unknown]
+    tail = np.zeros(TAIL_OF_TUMBLING)
+    tail[ROTATION] = RATE_TRUE * np.array([0.3, 0.2, 0.9])
+    tail[GRAVITY], tail[ACCELERATION] = GM, [1e-6, -2e-6, 1e-6]
+    start = Rotation.from_rotvec([0.2, -0.1, 0.4]).as_matrix()
+    about = Tumbling(start, np.diag([1.0, 1.9, 2.1]))
+    return dc.replace(survey, tail=tail, epoch=20_000.0, tumbling=about), returns
+
+
+def derivatives(of, survey: Survey, unknown: int, step: float) -> np.ndarray:
+    """Central differences of a function of a survey, by one unknown of its tail."""
     either = []
     for sign in (1.0, -1.0):
         tail = survey.tail.copy()
         tail[unknown] += sign * step
-        either.append(residuals(dc.replace(survey, tail=tail), returns, match))
-    wanted = (either[0] - either[1]) / (2.0 * step)
-    np.testing.assert_allclose(found, wanted, atol=1e-4 * np.abs(wanted).max())
+        either.append(of(dc.replace(survey, tail=tail)))
+    return (either[0] - either[1]) / (2.0 * step)
+
+
+SHARED = [*[(i, 1e-6) for i in range(5)], (5, 1e-10), (6, 1e-3), (7, 1e-6)]
+TUMBLING = [*[(i, 1e-10) for i in range(3, 6)], *[(i, 1e-6) for i in range(21, 26)]]
+STEPS = [*[("case", *each) for each in SHARED], *[("tumbling", *each) for each in TUMBLING]]
+
+
+@pytest.mark.parametrize(("name", "unknown", "step"), STEPS)
+def test_derivatives_of_what_all_returns_share(request, name, unknown, step) -> None:
+    survey, returns = request.getfixturevalue(name)
+    placed = survey.placed(returns)
+    match = matched(placed.points, survey.vertices, survey.facets)
+    rows, _ = survey_fit._rows(survey, returns, placed, match)
+    wanted = derivatives(lambda other: residuals(other, returns, match), survey, unknown, step)
+    np.testing.assert_allclose(rows[:, 24 + unknown], wanted, atol=1e-3 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize(
+    ("unknown", "step"), [*TUMBLING, (26, 1e-4), (27, 1e-9), (28, 1e-9), (29, 1e-9)]
+)
+def test_derivatives_of_the_motion(tumbling, unknown: int, step: float) -> None:
+    survey, _ = tumbling
+    count = 3 * survey.path.size + 9 + TAIL_OF_TUMBLING
+    rows, _ = survey_fit.motion_rows(survey, count)
+    wanted = derivatives(
+        lambda other: survey_fit.motion_rows(other, count)[1], survey, unknown, step
+    )
+    found = rows[:, :, count - TAIL_OF_TUMBLING + unknown]
+    np.testing.assert_allclose(found, wanted, atol=1e-3 * np.abs(wanted).max())
 
 
 def test_a_step_is_that_of_dense_normal_equations(case) -> None:
