@@ -74,7 +74,8 @@ def evaluate_command(
 ) -> None:
     """Fly a set of transits with each controller; write results.json, report.html and report.md.
 
-    Surveys, touch-and-goes and missions likewise, if the scenario's task is one.
+    Surveys, touch-and-goes and missions likewise, if the scenario's task is one; surveys are
+    compared by their estimators, survey or MODULE:FUNCTION.
 
     policy:BUNDLE flies the policy of that folder; pd:BUNDLE flies a PD controller on the state that
     this policy estimates. Run it again to continue after an interruption: no flight is flown twice.
@@ -88,6 +89,7 @@ def evaluate_command(
       proxops evaluate bennu_mission --dispersions mission --controllers hybrid --transits 8
     """
     # matplotlib is slow to import.
+    from proxops.diagrams.surveys import OWN_ESTIMATOR, named_estimator
     from proxops.studies.campaigns import Variant, fly_tasks, makes_a_map
 
     names = [name.strip() for name in controllers.split(",") if name.strip()]
@@ -100,7 +102,9 @@ def evaluate_command(
     body = load_body(wanted.body)
     wanted = with_site(wanted, body)
     if isinstance(wanted.task, SurveyConfig):
-        names = ["survey"]
+        names = [OWN_ESTIMATOR] if names == ["mpc"] else names  # The default, of transits.
+        for name in names:
+            named_estimator(name)
         wanted = dc.replace(wanted, dispersions=wanted.dispersions or "first_look")
     else:
         for name in names:

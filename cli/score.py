@@ -20,10 +20,15 @@ from proxops.diagrams.flight import Workers, controller_label
 
 def score_command(
     track: Annotated[
-        str, typer.Argument(help="state, lidar, lidar-after-survey, touch, mission, or a file.")
+        str,
+        typer.Argument(help="state, lidar, lidar-after-survey, survey, touch, mission, or a file."),
     ],
     controller: Annotated[
-        str, typer.Option(help="mpc, policy[:BUNDLE], hybrid[:BUNDLE], …, or MODULE:FACTORY.")
+        str,
+        typer.Option(
+            help="mpc, policy[:BUNDLE], hybrid[:BUNDLE], …, or MODULE:FACTORY. Of surveys the "
+            "estimator: survey, or MODULE:FUNCTION."
+        ),
     ],
     name: Annotated[
         str | None, typer.Option(help="What tables call it. Default: the controller.")
@@ -48,6 +53,8 @@ def score_command(
       proxops score state --controller pd
 
       proxops score lidar-after-survey --controller hybrid --set hybrid.period_rule=adaptive
+
+      proxops score survey --controller mine:estimate
     """
     # matplotlib is slow to import.
     from proxops.studies.scoring import TRACKS, load_track, row_table, save_row, score

@@ -18,7 +18,12 @@ from proxops.diagrams.flight.campaign import (
     transit_flights,
 )
 from proxops.diagrams.flight.hybrid_controller import make_hybrid
-from proxops.diagrams.flight.named_controllers import WITH_BUNDLE, bundle_of, named_controller
+from proxops.diagrams.flight.named_controllers import (
+    WITH_BUNDLE,
+    bundle_of,
+    named_controller,
+    users_function,
+)
 from proxops.diagrams.flight.on_board import mended_map_of_flight
 from proxops.diagrams.flight.origin import Provenance, body_sha256, made_with, provenance
 from proxops.diagrams.flight.parallel import Workers
@@ -75,4 +80,5 @@ __all__ = [
     "run_groups",
     "surroundings",
     "transit_flights",
+    "users_function",
 ]

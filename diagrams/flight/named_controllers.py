@@ -8,7 +8,8 @@ import inspect
 import sys
 import traceback
 import types
-from collections.abc import Generator
+import typing
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 from pydrake.systems.framework import System
@@ -127,35 +128,52 @@ def users_system(name: str, scenario: Scenario, body: Body) -> System:
     Raises:
       InputError: the factory cannot be imported or fails, or what it makes is no System.
     """
-    _, colon, factory_name = name.partition(":")
-    if not colon:
+    if ":" not in name:
         raise InputError(
             f"controller {name!r} is not known: use mpc, policy, hybrid, pd, zero, one of "
             "policy:FOLDER, hybrid:FOLDER, mpc:FOLDER and pd:FOLDER, or MODULE:FACTORY"
         )
-    module = _module(name)
-    factory = getattr(module, factory_name, None)
-    if not callable(factory):
-        raise InputError(
-            f"controller {name!r}: {module.__name__} has no function {factory_name!r}; it should "
-            "take (scenario, body) and return a System"
-        )
-    try:
-        inspect.signature(factory).bind(None, None)
-    except TypeError as error:
-        raise InputError(
-            f"controller {name!r}: {factory_name} must take (scenario, body) and return a System: "
-            f"{error}"
-        ) from error
-    except ValueError:  # It tells no signature.
-        pass
-    with _in_working_directory(name):
-        controller: System = factory(scenario, body)
+    make = users_function(name, 2, "take (scenario, body) and return a System")
+    controller = make(scenario, body)
     if not isinstance(controller, System):
         raise InputError(f"controller {name!r} made a {type(controller).__name__}, not a System")
     if not controller.get_name():
         controller.set_name(name)
     return controller
+
+
+def users_function(name: str, arguments: int, wanted: str) -> Callable[..., typing.Any]:
+    """Gives the user's function MODULE:FUNCTION.
+
+    MODULE may be in the working directory, and import from it. What the function raises is told as
+    an `InputError`.
+
+    Args:
+      name: of module and function. arguments: how many it has to take.
+      wanted: says what it should do.
+
+    Raises:
+      InputError: it cannot be imported, or takes other arguments.
+    """
+    function_name, module = name.partition(":")[2], _module(name)
+    function = getattr(module, function_name, None)
+    if not callable(function):
+        raise InputError(
+            f"controller {name!r}: {module.__name__} has no function {function_name!r}; it should "
+            f"{wanted}"
+        )
+    try:
+        inspect.signature(function).bind(*[None] * arguments)
+    except TypeError as error:
+        raise InputError(f"controller {name!r}: {function_name} must {wanted}: {error}") from error
+    except ValueError:  # It tells no signature.
+        pass
+
+    def called(*given: object) -> typing.Any:
+        with _in_working_directory(name):
+            return function(*given)
+
+    return called
 
 
 def _module(name: str) -> types.ModuleType:

@@ -9,15 +9,17 @@ of `survey.json` hold it.
 from proxops.diagrams.surveys.mission import MissionFlown, begin_mission, run_mission, whole_log
 from proxops.diagrams.surveys.survey_files import Surveyed
 from proxops.diagrams.surveys.survey_flight import Flying, SurveyFlight, known_ellipsoid
-from proxops.diagrams.surveys.survey_run import run_survey
+from proxops.diagrams.surveys.survey_run import OWN_ESTIMATOR, named_estimator, run_survey
 
 __all__ = [
+    "OWN_ESTIMATOR",
     "Flying",
     "MissionFlown",
     "SurveyFlight",
     "Surveyed",
     "begin_mission",
     "known_ellipsoid",
+    "named_estimator",
     "run_mission",
     "run_survey",
     "whole_log",

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses as dc
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from proxops.diagrams.flight import users_function
 from proxops.diagrams.scenario import (
     Body,
     Scenario,
@@ -26,6 +28,7 @@ from proxops.diagrams.surveys.survey_flight import (
 from proxops.systems.assurance import AssuranceConfig
 from proxops.systems.common import InputError, Progress, make_folder, part_of, silent, write_whole
 from proxops.systems.mapping import (
+    Around,
     Estimated,
     Expected,
     MapUncertainty,
@@ -43,6 +46,12 @@ _LONGER, _SHORT = 0.25, 24.0
 # Share of the surface without which there is no map.
 _LEAST_SEEN = 0.9
 
+OWN_ESTIMATOR = "survey"
+"""Name of the batch least squares."""
+Estimator = Callable[[Returns, Around, Expected, Progress], tuple[Estimated, MapUncertainty]]
+"""Makes a map of the returns of a survey's flight, with what is known before and how wrong that may
+be; a `Progress` may be called with the share done."""
+
 
 def run_survey(
     scenario: Scenario,
@@ -50,6 +59,7 @@ def run_survey(
     folder: Path,
     progress: Progress = silent,
     visits: Scenario | None = None,
+    estimator: str = OWN_ESTIMATOR,
 ) -> Surveyed:
     """Flies a survey and writes its map, its body, its errors and its scenario of visits.
 
@@ -60,6 +70,7 @@ def run_survey(
       folder: is made if need be. progress: is called with the share done.
       visits: what flies on the map later, such as a touch-and-go at the same body; None: transits
         of `scenario`.
+      estimator: makes the map; or `MODULE:FUNCTION`, the user's: see `named_estimator`.
 
     Returns:
       What it found, and its errors against the truth, which nobody on board has.
@@ -68,7 +79,7 @@ def run_survey(
       InputError: the survey cannot be flown or saw too little; or the folder cannot be written.
     """
     make_folder(folder)
-    task = scenario.task
+    task, estimate = scenario.task, named_estimator(estimator)
     assert isinstance(task, SurveyConfig)
     flight, flying, times = _kept(folder / _FLIGHT, scenario, body), None, [0.0, 0.0]
     done, leg = 0.0, max(_LONGER * task.hours, 0.5 * min(task.hours, _SHORT))
@@ -81,9 +92,9 @@ def run_survey(
                 flight = flying.fly(hours, part_of(progress, done, done + 0.2))
                 _keep(folder / _FLIGHT, flight, scenario)
             flown = time.perf_counter()
-            found, uncertainty = _found(
-                flight, scenario, body, part_of(progress, done + 0.2, done + 0.3)
-            )
+            expected = told_errors(scenario, flight.world, body)
+            part = part_of(progress, done + 0.2, done + 0.3)
+            found, uncertainty = estimate(flight.returns, flight.around, expected, part)
             times = [times[0] + flown - started, times[1] + time.perf_counter() - flown]
             if _is_enough(flight, found, uncertainty, task):
                 check_seen(uncertainty.covered, flight.hours)
@@ -99,12 +110,37 @@ def run_survey(
     return write_survey(folder, scenario, visits, flight, found, uncertainty, wall)
 
 
-def _found(
-    flight: SurveyFlight, scenario: Scenario, body: Body, progress: Progress
+def named_estimator(name: str) -> Estimator:
+    """The estimator of a name: `survey`, the batch least squares, or `MODULE:FUNCTION`.
+
+    FUNCTION is the user's, an `Estimator`. MODULE may also be in the working directory.
+
+    Raises:
+      InputError: the name is unknown, or the function cannot be imported.
+    """
+    if name == OWN_ESTIMATOR:
+        return _batch
+    if ":" not in name:
+        raise InputError(
+            f"{name!r} makes no map: use {OWN_ESTIMATOR}, or MODULE:FUNCTION for an estimator of "
+            "your own"
+        )
+    wanted = "take (returns, around, expected, progress) and return (Estimated, MapUncertainty)"
+    estimate = users_function(name, 4, wanted)
+
+    def checked(*given) -> tuple[Estimated, MapUncertainty]:
+        match estimate(*given):
+            case (Estimated() as found, MapUncertainty() as uncertainty):
+                return found, uncertainty
+        raise InputError(f"{name} should {wanted}")
+
+    return checked
+
+
+def _batch(
+    returns: Returns, around: Around, expected: Expected, progress: Progress
 ) -> tuple[Estimated, MapUncertainty]:
-    """What the frames of a flight show."""
-    expected = told_errors(scenario, flight.world, body)
-    found = estimated(flight.returns, flight.around, expected, progress)
+    found = estimated(returns, around, expected, progress)
     return found, map_uncertainty(found.survey, found.solution, found.returns)
 
 

@@ -1,7 +1,7 @@
 """Surveys and missions, many of them: each in a folder of its own, which holds its row at the end.
 
-They are no flights of a campaign: a survey has no controller and no log of a flight, and a mission
-makes a map first.
+They are no flights of a campaign: a survey has an estimator in place of a controller, and no log of
+a flight, and a mission makes a map first.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ class TaskRun:
     name: str
     scenario: Scenario
     controller: str
+    """Of a survey its estimator: see `run_survey`."""
     folder: Path
     """Takes all files that the task writes."""
 
@@ -83,7 +84,7 @@ class TaskRun:
         body = load_body(scenario.body)
         try:
             if isinstance(scenario.task, SurveyConfig):
-                surveyed = run_survey(scenario, body, self.folder)
+                surveyed = run_survey(scenario, body, self.folder, estimator=self.controller)
                 return row | _survey_row(surveyed)
             surveyed, log = run_mission(scenario, body, self.folder, self.controller)
         except InputError as error:  # It saw too little, or no place can be touched.
@@ -110,7 +111,7 @@ def fly_tasks(
     """Flies the surveys or missions 0 … count - 1 of a seed; gives their rows in order, by name.
 
     Args:
-      variants: whose controllers fly the transits of missions; a survey has none.
+      variants: whose controllers fly the transits of missions, or estimate surveys.
       scenario: whose task `makes_a_map`; each has a world of its own, drawn from its dispersions.
       folder: takes a folder of each. What has ended there is not flown again.
       workers: fly, and report how many have ended.

@@ -17,6 +17,10 @@ from proxops.studies.scoring.track import Track
 from proxops.systems.common import InputError, write_json
 from proxops.training.reports import number_text
 
+MAP_RMS, MAP_WITHIN = 6e-4, 0.99
+"""A survey succeeds if its map is off by at most so much of the size, root mean square, and that
+share of it is within three sigma of what the survey says itself."""
+
 
 @dc.dataclass(frozen=True)
 class Outcome:
@@ -28,14 +32,17 @@ class Outcome:
     """Of a touch-and-go, which has to enter the ellipsoid: 1 if it did not end safe."""
     delta_v_m_s: float
     terminal_position_error_m: float
-    """Of a touch: the miss of the site."""
+    """Of a touch: the miss of the site; of a survey: the root mean square of its map's errors."""
     arrival_time_s: float | None
+    """Of a survey: its time in orbit."""
 
     @classmethod
     def of(cls, row: Row) -> Outcome:
         """Of a flight's summary, with the digits that are kept."""
         if "ended_early" in row:  # A mission whose survey saw too little, or that found no place.
             return cls(False, False, 0, 0.0, 0.0, None)
+        if "arrival_time_s" not in row:
+            return cls._of_survey(row)
         time, touches = row["arrival_time_s"], "touched" in row
         return cls(
             row["success"],
@@ -44,6 +51,19 @@ class Outcome:
             round(row.get("mission_delta_v_m_s", row["delta_v_m_s"]), 4),
             round(row.get("touch_miss_m") or row["terminal_position_error_m"], 2),
             None if time is None else round(time, 1),
+        )
+
+    @classmethod
+    def _of_survey(cls, row: Row) -> Outcome:
+        rms = row["survey_map_rms_of_size"]
+        good = rms <= MAP_RMS and row["survey_within_3_sigma"] >= MAP_WITHIN
+        return cls(
+            row["success"] and good,
+            row["collided"],
+            row["keep_out_violations"],
+            round(row["survey_delta_v_m_s"], 4),
+            round(rms * row["survey_length_m"], 2),
+            round(3600.0 * row["survey_hours"], 1),
         )
 
 

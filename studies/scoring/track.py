@@ -14,8 +14,8 @@ import numpy as np
 from proxops import assets
 from proxops.diagrams.flight import Flight, body_sha256, controller_label, provenance
 from proxops.diagrams.scenario import (
-    MissionConfig,
     Scenario,
+    SurveyConfig,
     World,
     change_scenario,
     dispersed_values,
@@ -27,7 +27,9 @@ from proxops.diagrams.scenario import (
     parse_scenario,
     with_ends,
 )
+from proxops.diagrams.surveys import known_ellipsoid
 from proxops.diagrams.yaml_files import parse_mapping
+from proxops.studies.campaigns import makes_a_map
 from proxops.systems.common import InputError, write_whole
 
 TRACKS = {
@@ -57,10 +59,10 @@ class Track:
     """What each transit changes in the scenario: values by dotted keys."""
     expert_delta_v_m_s: Sequence[float | None]
     """Δv in m/s of the MPC in each transit, which `with_expert` tells; None: it did not succeed.
-    Empty: it was not flown."""
+    Empty: it was not flown. Of surveys, that with the estimator that ships."""
     drawn: Sequence[Mapping[str, typing.Any]] = ()
-    """Of missions, whose survey is told the dispersions, what these draw: values by dotted keys.
-    Empty: the changes hold them, and nothing is drawn."""
+    """What dispersions draw, where surveys and missions are told these: values by dotted keys. Empty:
+    the changes hold it, and nothing is drawn."""
 
     @property
     def sha256(self) -> str:
@@ -117,7 +119,10 @@ def draw_track(name: str, scenario: Scenario, seed: int, count: int) -> Track:
     worlds, drawn = [], []
     for index in range(count):
         one = of_transit(scenario, seed, index)
-        if isinstance(scenario.task, MissionConfig):
+        if isinstance(one.task, SurveyConfig):
+            axes = known_ellipsoid(one, body).tolist()
+            one = dc.replace(one, task=dc.replace(one.task, semi_axes_m=axes))
+        if makes_a_map(scenario):
             drawn.append(dispersed_values(draw_world(one, body)))
         else:
             world = World.of(one, body)

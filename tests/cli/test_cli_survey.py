@@ -18,7 +18,7 @@ from proxops.diagrams.scenario import (
     load_scenario,
     make_true_body,
 )
-from proxops.diagrams.surveys import run_survey, survey_run
+from proxops.diagrams.surveys import named_estimator, run_survey, survey_run
 from proxops.diagrams.surveys.survey_files import NewMap, true_in, visit_scenario
 from proxops.diagrams.surveys.survey_flight import Flying, around_of, survey_world
 from proxops.systems.common import InputError
@@ -61,6 +61,29 @@ def test_frames_of_another_body_are_refused(tmp_path: Path) -> None:
         np.savez(file, body=np.array("bennu"), **empty)
     with pytest.raises(InputError, match="frames of another body, bennu, not of kleopatra"):
         run_survey(survey(), load_body("kleopatra"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("hybrid", "'hybrid' makes no map: use survey, or MODULE:FUNCTION"),
+        ("own_map:nothing", "no function 'nothing'; it should take "),
+        ("own_map:short", r"short must take \(returns, around, expected, progress\) and return"),
+        ("own_map:empty", r"own_map:empty should take .* and return \(Estimated, MapUncertainty\)"),
+        ("own_map:wrong", r"'own_map:wrong': ZeroDivisionError: .* \(own_map\.py, line 10\)"),
+    ],
+)
+def test_estimators_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("own_map.py").write_text(
+        "def short(returns):\n    return None\n\n\n"
+        "def empty(returns, around, expected, progress):\n    return None\n\n\n"
+        "def wrong(returns, around, expected, progress):\n    return 1 / 0\n"
+    )
+    with pytest.raises(InputError, match=words):
+        named_estimator(name)(*[None] * 4)
 
 
 def test_a_map_of_half_a_body_is_refused() -> None:
@@ -126,8 +149,11 @@ def test_a_body_that_tumbles_is_surveyed(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_binary_is_surveyed(tmp_path: Path) -> None:
-    """Its moon is neither on the map nor in the mass, and stays where it is among the stars."""
+def test_a_binary_is_surveyed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its moon is neither on the map nor in the mass, and stays where it is among the stars.
+
+    An estimator of one's own takes the same flight, without flying it again.
+    """
     given = load_scenario("didymos", dispersions="approach")
     given.task, given.transit.seed = SurveyConfig(hours=60.0), 64
     believed = load_body("didymos")
@@ -149,6 +175,19 @@ def test_a_binary_is_surveyed(tmp_path: Path) -> None:
     assert (body.keep_out_semi_axes >= believed.keep_out_semi_axes).all()
     [moon], [before] = body.moons, believed.moons
     assert moon.shape.volume == pytest.approx(before.shape.volume, rel=1e-6)
+    monkeypatch.chdir(tmp_path)
+    Path("half_of_it.py").write_text(
+        "from proxops.systems.mapping import estimated, map_uncertainty\n\n\n"
+        "def estimate(returns, around, expected, progress):\n"
+        "    half = returns.chosen(slice(None, None, 2))\n"
+        "    found = estimated(half, around, expected, progress)\n"
+        "    return found, map_uncertainty(found.survey, found.solution, found.returns)\n"
+    )
+    flown = (tmp_path / "survey.npz").stat().st_mtime_ns
+    half = run_survey(given, believed, tmp_path, estimator="half_of_it:estimate").figures
+    assert (tmp_path / "survey.npz").stat().st_mtime_ns == flown
+    assert half["returns"] == pytest.approx(0.5 * figures["returns"], rel=0.01)
+    assert half["map_rms_of_size"] < 6e-4
 
 
 def test_an_orbit_far_out_is_begun_from_beyond_it() -> None:

@@ -34,7 +34,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Numbers of the surveys that are flown; number 1 sees too little."""
     numbers: list[int] = []
 
-    def survey(scenario: Scenario, body: Body, folder: Path) -> Any:
+    def survey(scenario: Scenario, body: Body, folder: Path, estimator: str) -> Any:
+        assert estimator == "survey"
         number = scenario.transit.index
         numbers.append(number)
         if number == 1:
