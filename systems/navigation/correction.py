@@ -13,7 +13,14 @@ import scipy  # Its parts are imported when they are used.
 
 from proxops.systems.navigation import _update_kernel as kernel
 from proxops.systems.navigation._motion_kernel import turned
-from proxops.systems.navigation.estimate import ATTITUDE, MEASURED, POSITION, Estimate
+from proxops.systems.navigation.estimate import (
+    ATTITUDE,
+    LIDAR_BIAS,
+    LIDAR_SCALE,
+    MEASURED,
+    POSITION,
+    Estimate,
+)
 from proxops.systems.navigation.frame_model import FrameModel
 
 # A residual beyond this many of its standard deviations is rejected.
@@ -26,6 +33,9 @@ _CLOSE, _USUAL, _MOST_ITERATIONS = 0.3, 160, 8
 # say little more.
 ENOUGH = 240
 _POSE = np.r_[POSITION, ATTITUDE]
+# What relief looks like, and a frame hardly tells from a place farther out: it is not estimated
+# then, but counts as uncertain (Schmidt's consider filter).
+_CONSIDERED = np.r_[LIDAR_BIAS, LIDAR_SCALE]
 
 
 class Correction(NamedTuple):
@@ -72,6 +82,7 @@ def corrected(
     gate = kernel.Gate(GATE, ENOUGH, 0 if start is None else MEASURED.size)
     moved = np.zeros(prior.mean.size) if start is None else start
     supposed = prior if start is None else _moved(prior, moved)
+    held = _CONSIDERED if model.map_error.relief else _CONSIDERED[:0]
     iteration = 0
     while True:
         frame = model.compared(supposed, ranges)
@@ -87,6 +98,7 @@ def corrected(
             )
         else:
             update = kernel.update(covariance, columns, rows, innovations, variances)
+        update.moved[held] = 0.0
         change, left = kernel.fit(columns, rows, innovations, moved, update.moved)
         moved = update.moved
         supposed = _moved(prior, moved)
@@ -94,6 +106,7 @@ def corrected(
         change *= max(1.0, used / _USUAL)
         if change < (_CLOSE * model.noise_std) ** 2 or iteration == _MOST_ITERATIONS:
             break
+    update.covariance[np.ix_(held, held)] = covariance[np.ix_(held, held)]
     return Correction(
         Estimate(supposed.mean, supposed.rotation, update.covariance, prior.spent),
         math.sqrt(left),

@@ -11,6 +11,8 @@ from proxops.systems.navigation.correction import corrected
 from proxops.systems.navigation.estimate import (
     ATTITUDE,
     BASE,
+    LIDAR_BIAS,
+    LIDAR_SCALE,
     POSITION,
     Estimate,
     first_estimate,
@@ -121,3 +123,41 @@ def test_stones_that_are_seen_for_long_do_not_tell_where_one_is() -> None:
         errors = np.concatenate([estimate.mean[POSITION] - place, turned])
         off.append(errors @ np.linalg.solve(estimate.covariance[np.ix_(pose, pose)], errors))
     assert np.mean(off) < 1.4**2 * len(pose), f"{np.mean(off)}"
+
+
+def test_relief_is_not_taken_for_an_error_of_the_lidar() -> None:
+    """A ball is left behind: how far away it is stays as unsure as the scale of the ranges."""
+    ball = Polyhedron.from_trimesh(trimesh.creation.icosphere(4, 270.0), "m")
+    model = FrameModel(
+        ball, LidarGeometry(12, 360, 2000.0), 0.05, MapError(ball).with_relief(0.2, 12.0)
+    )
+    told = ExpectedErrors(lidar_scale=1e-4, lidar_bias_m=0.01, attitude_deg=0.05)
+    spin = np.array([0.0, 0.0, 4e-4])
+    sigma = first_sigmas(told, spin, model.map_error.coefficients, 1.0, 0.0)
+    ways = 20.0 * np.array([0.0, 0.3, 1.0]) / np.hypot(0.3, 1.0)
+    held, start, off = np.r_[LIDAR_BIAS, LIDAR_SCALE], np.array([20.0, 0.0, 370.0]), []
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        scale, place = 1e-4 * random.standard_normal(), start.copy()
+        estimate = first_estimate(place, np.eye(3), sigma)
+        for _ in range(30):
+            hits = ray_caster(ball).first_hits(place, model.directions)
+            met = hits.facets >= 0
+            rays, ranges = model.directions[met], np.full(len(met), np.inf)
+            points = place + hits.distances[met, None] * rays
+            cosines = -np.einsum("ki,ki->k", rays, ball.normals[hits.facets[met]])
+            risen = heights(points, seed, 0.2, 12.0) / cosines
+            noise = 0.05 * random.standard_normal(len(risen))
+            ranges[met] = (1.0 + scale) * (hits.distances[met] - risen) + noise
+            found = corrected(model, estimate, ranges).estimate
+            place = place + ways
+            mean = found.mean.copy()
+            mean[POSITION] += ways
+            estimate = forgotten(found._replace(mean=mean), found, BASE, 12.0)
+        up, error = place / np.linalg.norm(place), estimate.mean[POSITION] - place
+        pose = estimate.covariance[POSITION, POSITION]
+        off.append((up @ error) ** 2 / (up @ pose @ up))
+        np.testing.assert_array_equal(estimate.mean[held], 0.0)
+        np.testing.assert_array_equal(np.sqrt(np.diag(estimate.covariance))[held], [0.01, 1e-4])
+        assert np.linalg.eigvalsh(estimate.covariance)[0] > -1e-12
+    assert np.mean(off) < 2.0, f"{off}"
