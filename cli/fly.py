@@ -46,7 +46,6 @@ from proxops.diagrams.scenario import (
     Body,
     MissionConfig,
     Scenario,
-    TransitConfig,
     load_body,
     load_scenario,
 )
@@ -166,8 +165,9 @@ def _begun(
     with work_bar("surveying") as progress, compiling_told(progress):
         surveyed, after = begin_mission(scenario, load_body(scenario.body), out, progress)
         rows = report_survey(out, scenario, surveyed)
+    status.print("Survey: its report is report.html")
     for name, text in rows:
-        status.print(f"{name}: {text}")
+        status.print(f"  {name}: {text}")
     return after, controller or "hybrid", partial(whole_log, surveyed)
 
 
@@ -339,11 +339,12 @@ def _first_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str,
                 None,
             ),
         ]
+    end = "orbit" if "parked_m" in summary else "goal"
     flown, wall = float(log.dataset["time"].values[-1]), summary["wall_s"]
     rows += [
         ("arrival", "never" if arrival is None else f"{arrival:.0f} s", None),
         (
-            "distance from the goal at the end",
+            f"distance from the {end} at the end",
             length_text(summary["terminal_position_error_m"]),
             None,
         ),
@@ -361,11 +362,15 @@ def _first_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str,
 
 
 def _other_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
+    end = "orbit" if "parked_m" in summary else "goal"
     rows = [
-        ("transit", _transit_text(log.scenario.transit)),
+        ("transit", _transit_text(log.scenario)),
         *([("values drawn", str(len(summary["dispersed"])))] if summary["dispersed"] else []),
         *(_touch(summary) if "touched" in summary else []),
-        ("speed at the end", f"{three_digits(summary['terminal_speed_m_s'])} m/s"),
+        (
+            f"speed against the {end} at the end",
+            f"{three_digits(summary['terminal_speed_m_s'])} m/s",
+        ),
         ("Δv of the hold", f"{three_digits(summary['hold_delta_v_m_s'])} m/s"),
         ("control steps", str(summary["steps"])),
     ]
@@ -423,9 +428,13 @@ def _touch(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("stroke of the arm", f"{100.0 * summary['touch_stroke_m']:.1f} cm"),
         ("energy at the touch, and left", ", ".join(energies)),
         ("force on bus and panels", parts),
-        ("came back to the ground", str(summary["touch_again"])),
+        ("times that it came back to the ground", str(summary["touch_again"])),
         *([("descent flown by the policy", f"{share:.0%}")] if share else []),
-        *([("parked from the centre", length_text(summary["parked_m"]))] if parked else []),
+        *(
+            [("parked in orbit, from the centre", length_text(summary["parked_m"]))]
+            if parked
+            else []
+        ),
     ]
 
 
@@ -453,7 +462,9 @@ def _error(summary: dict[str, Any], whose: str) -> list[tuple[str, str]]:
     return [(f"position error of the {whose}, median and p95", error)]
 
 
-def _transit_text(transit: TransitConfig) -> str:
-    if transit.start_m is not None:
-        return "from start_m" + ("" if transit.goal_m is None else " to goal_m")
-    return f"{transit.index} of seed {transit.seed}"
+def _transit_text(scenario: Scenario) -> str:
+    transit = scenario.transit
+    # Where a world was drawn, the transit was, too, and stands beside its seed.
+    if transit.start_m is None or scenario.dispersed:
+        return f"{transit.index} of seed {transit.seed}"
+    return "from transit.start_m" + ("" if transit.goal_m is None else " to transit.goal_m")

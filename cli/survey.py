@@ -106,19 +106,22 @@ def report_survey(out: Path, scenario: Scenario, surveyed: Surveyed) -> list[tup
 def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
     share = "{:.3%}".format
     return [
-        ("map against the truth, rms over the size", share(figures["map_rms_of_size"])),
+        ("map against the truth, rms over the length", share(figures["map_rms_of_size"])),
         ("as it says itself", share(figures["deviation_of_size"])),
         ("surface within 3 sigma", share(figures["within_3_sigma"])),
         ("surface seen", share(figures["covered"])),
-        ("error of GM, and 1 sigma", _pair(figures, "gravity", "")),
+        ("relative error of GM, and 1 sigma", _pair(figures, "gravity", "")),
         ("error of the pole in degrees, and 1 sigma", _pair(figures, "pole", "_deg")),
-        ("error of the spin rate, and 1 sigma", _pair(figures, "rate", "")),
-        ("returns", f"{figures['returns']}"),
+        ("relative error of the spin rate, and 1 sigma", _pair(figures, "rate", "")),
+        ("returns used", f"{figures['returns']}"),
         ("time in orbit", f"{figures['hours']:.3g} h"),
-        ("delta-v", f"{figures['delta_v_m_s']:.3g} m/s"),
+        ("Δv", f"{figures['delta_v_m_s']:.3g} m/s"),
         ("entries of the keep-out sphere", f"{figures['keep_out_entries']}"),
         ("least clearance of the keep-out ellipsoid", f"{figures['least_clearance_m']:.4g} m"),
-        ("flight, estimation", f"{figures['flight_s']:.0f} s, {figures['estimation_s']:.0f} s"),
+        (
+            "computed: flight, estimation",
+            f"{figures['flight_s']:.0f} s, {figures['estimation_s']:.0f} s",
+        ),
     ]
 
 

@@ -25,7 +25,9 @@ lidar.GetInputPort("position").FixValue(context, PLACE)
 ranges = lidar.GetOutputPort("ranges").Eval(context).reshape(12, 360)
 print(np.isfinite(ranges).sum(), "returns of", ranges.size, "rays")
 
-plt.imshow(np.where(np.isfinite(ranges), ranges / 1e3, np.nan), aspect="auto")
+plt.imshow(
+    np.where(np.isfinite(ranges), ranges / 1e3, np.nan), aspect="auto", interpolation="nearest"
+)
 plt.xlabel("ray")
 plt.ylabel("plane")
 plt.colorbar(label="range (km)")

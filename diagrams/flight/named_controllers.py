@@ -198,6 +198,34 @@ def _module(name: str) -> types.ModuleType:
 
 
 @contextlib.contextmanager
+def errors_told(name: str) -> Generator[None]:
+    """Tells what the code of a controller MODULE:FACTORY raises in flight as an `InputError`."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        place = _last_line(name, error)
+        if place is None:
+            raise
+        raise InputError(_told(name, error, place)) from error
+
+
+def _last_line(name: str, error: Exception) -> traceback.FrameSummary | None:
+    """The last line of the user's module before an error; None: it was not there."""
+    source = getattr(sys.modules.get(name.partition(":")[0]), "__file__", None)
+    places = traceback.extract_tb(error.__traceback__)
+    return next((each for each in reversed(places) if each.filename == source), None)
+
+
+def _told(name: str, error: Exception, place: traceback.FrameSummary) -> str:
+    where = f" ({Path(place.filename).name}, line {place.lineno})"
+    if isinstance(error, SyntaxError):
+        where = ""  # Its text says where.
+    return f"controller {name!r}: {type(error).__name__}: {error}{where}"
+
+
+@contextlib.contextmanager
 def _in_working_directory(name: str) -> Generator[None]:
     """Runs the user's code, which may import from the working directory.
 
@@ -215,13 +243,7 @@ def _in_working_directory(name: str) -> Generator[None]:
                 f"controller {name!r}: there is no module {module} in {here}, and none is "
                 "installed: run the command in its folder, or set PYTHONPATH"
             ) from error
-        # The last line of the user's module, if it got as far as that.
-        places = traceback.extract_tb(error.__traceback__)
-        source = getattr(sys.modules.get(module), "__file__", None)
-        place = ([each for each in places if each.filename == source] or places)[-1]
-        where = f" ({Path(place.filename).name}, line {place.lineno})"
-        if isinstance(error, SyntaxError):
-            where = ""  # Its text says where.
-        raise InputError(f"controller {name!r}: {type(error).__name__}: {error}{where}") from error
+        place = _last_line(name, error) or traceback.extract_tb(error.__traceback__)[-1]
+        raise InputError(_told(name, error, place)) from error
     finally:
         sys.path.remove(here)

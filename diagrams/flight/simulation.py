@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable
@@ -10,7 +11,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus, System
 
-from proxops.diagrams.flight.named_controllers import named_controller
+from proxops.diagrams.flight.named_controllers import errors_told, named_controller
 from proxops.diagrams.flight.recording import Flown, KeptFrames, make_log
 from proxops.diagrams.flight.touching import TouchMotion
 from proxops.diagrams.flight.transit_diagram import diagram_of
@@ -86,7 +87,8 @@ def fly_world(
     if isinstance(controller, str):
         controller = named_controller(controller, world.belief, world.body)
     diagram = diagram_of(world, controller, meshcat)
-    try:
+    with errors_told(name), contextlib.ExitStack() as end:
+        end.callback(let_go, diagram, None if own else controller)
         simulator = make_simulator(diagram, scenario)
         if meshcat is not None:
             simulator.set_target_realtime_rate(PLAYBACK_SPEED)  # A person can follow it.
@@ -111,8 +113,6 @@ def fly_world(
             add_flight(meshcat, log)  # The replay.
         if finished is not None:
             finished(diagram, context)
-    finally:
-        let_go(diagram, None if own else controller)
     return log
 
 

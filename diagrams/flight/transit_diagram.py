@@ -95,8 +95,8 @@ def add_transit(
     integration. `let_go(diagram, None)` gives the memory back.
 
     Args:
-      builder: of the diagram. Systems of a diagram have different names: give a second transit
-        another one (`set_name`).
+      builder: of the diagram. Systems of a diagram have different names: give the first transit
+        another one (`set_name`) before a second is added.
       scenario, controller, meshcat, body, true_body: as in `make_transit_diagram`.
 
     Returns:
@@ -104,8 +104,13 @@ def add_transit(
 
     Raises:
       UnflyableWorldError: the flight cannot begin in its world.
-      InputError: the controller's ports do not fit, or the scenario cannot be flown.
+      InputError: the controller's ports do not fit, the scenario cannot be flown, or there is a
+        system of the name `transit`.
     """
+    if builder.HasSubsystemNamed("transit"):
+        raise InputError(
+            'there is a system "transit": give that another name, as transit.set_name("first")'
+        )
     return builder.AddSystem(make_transit_diagram(scenario, controller, meshcat, body, true_body))
 
 
@@ -171,9 +176,10 @@ def diagram_of(
         return diagram_of(world, named_controller("mpc", world.belief, world.body), meshcat)
     wiring, scenario = Wiring(DiagramBuilder(), world), world.scenario
     if not isinstance(controller, System):
+        raise InputError(_no_system(controller))
+    if not isinstance(meshcat, Meshcat | None):
         raise InputError(
-            f"the controller is a {type(controller).__name__}, not a System; "
-            "named_controller(name, scenario, body) makes one from a name"
+            f"meshcat is {meshcat!r}, not a Meshcat: give pydrake.geometry.StartMeshcat()"
         )
     delay, period = offers_of(controller).delay, scenario.control_period_s
     craft = add_spacecraft(wiring)
@@ -242,6 +248,16 @@ def diagram_of(
     diagram = wiring.builder.Build()
     diagram.set_name("transit")
     return diagram
+
+
+def _no_system(controller: object) -> str:
+    """Says what a controller is that is no System, and how one is made."""
+    how = "named_controller(name, scenario, load_body(scenario.body)) makes one from a name"
+    if isinstance(controller, type):
+        how = "make one of this class"
+    elif callable(controller):
+        how = "call it with what it takes, such as (scenario, load_body(scenario.body))"
+    return f"the controller is {controller!r}, not a System: {how}"
 
 
 def _make_hold(period: float, delay: float) -> LeafSystem:

@@ -27,6 +27,7 @@ from proxops.diagrams.logs.flight_summary import (
     WIDE_ARRIVAL,
     dense_positions,
     fallback_steps,
+    outcome,
 )
 from proxops.diagrams.logs.legend import (
     LEGEND,
@@ -64,6 +65,7 @@ __all__ = [
     "length_text",
     "make_dataset",
     "navigation_errors",
+    "outcome",
     "pointing_errors",
     "three_digits",
     "why_never_known",

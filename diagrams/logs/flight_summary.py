@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import typing
+from collections.abc import Mapping
 
 import numpy as np
 import xarray as xr
@@ -89,6 +90,20 @@ def summarise(data: xr.Dataset, scenario: Scenario, body: Body) -> dict[str, typ
         **_interventions(data, scenario),
         **touch_figures(data),
     }
+
+
+def outcome(row: Mapping[str, typing.Any]) -> str:
+    """How a flight ended, in a few words, by its summary."""
+    if row["collided"]:
+        return "collision"
+    if row["keep_out_violations"]:
+        return "inside the keep-out"
+    if row["success"]:
+        arrived = "arrived" if "arrival_time_s" in row else "a map"
+        return "touched, and home again" if row.get("touched") else arrived
+    if "touched" in row and row["safe"]:
+        return "home again without a touch"
+    return "no arrival" if row["arrival_time_s"] is None else "arrived too late"
 
 
 def _transit(data: xr.Dataset, body: Body) -> dict[str, float]:

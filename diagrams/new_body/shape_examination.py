@@ -37,6 +37,8 @@ from proxops.systems.shapes import (
 _PLAUSIBLE_LENGTH = (1.0, 2.5e6)
 # A mesh that is shorter (m) may be in km: that of a body of 20 km is 20 long.
 _LEAST_VISITED = 30.0
+# A period beyond so many hours is a remark.
+_SLOWEST, _YEAR = 2000.0, 8766.0
 # Grid of the hover map over the keep-out ellipsoid, in degrees.
 _MAP_STEP = 5.0
 # Places of it whose gravity is computed at a time, between reports of progress.
@@ -143,6 +145,12 @@ def _look_at_solid(report: ShapeReport) -> ShapeReport:
     size = float(np.ptp(vertices, axis=0).max())
     if report.file.unit == "m" and size < _LEAST_VISITED and report.questions.mass_kg is None:
         remarks.append(f"the body is {size:.3g} m long: if its mesh is in km, give --unit km")
+    period = report.questions.rotation_period_h or 0.0
+    if period > _SLOWEST:
+        remarks.append(
+            f"a period of {period:g} h is {period / _YEAR:.2g} years: if it is in seconds, give "
+            f"--period {period / 3600.0:.4g}"
+        )
     offset = float(np.linalg.norm(solid.centre_of_mass))
     if offset > 1e-3 * size:
         remarks.append(f"the centre of mass is {offset:.4g} m from the origin")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -185,9 +187,9 @@ def figure_rows(report: ShapeReport) -> list[tuple[str, str]]:
             (f"keep-out, margin {100 * keep_out.margin:g} %", lengths(keep_out.semi_axes)),
             (
                 "vertex nearest to it",
-                f"{keep_out.farthest}, at {100.0 * keep_out.level:.4f} % of it",
+                f"{keep_out.farthest}, at {100.0 * math.sqrt(keep_out.level):.4f} % of its radius",
             ),
-            ("volume over least possible", f"{100.0 * max(over, 0.0):.1g} %"),
+            ("keep-out, volume over the least", f"{100.0 * max(over, 0.0):.1g} %"),
         ]
     if report.mass is not None and report.density is not None:
         rows += [("mass", f"{report.mass:.5g} kg"), ("density", f"{report.density:.5g} kg/m³")]

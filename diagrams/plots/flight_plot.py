@@ -22,6 +22,7 @@ from proxops.diagrams.logs import (
     dense_positions,
     flown_by,
     legend_of,
+    outcome,
 )
 from proxops.diagrams.plots.outlines import outline
 from proxops.diagrams.plots.shared_axes import MINUTE, force_edges, frame_plane, minutes_of, unit_at
@@ -54,7 +55,8 @@ def plot_flight(log: FlightLog) -> Figure:
     figure.legend(handles=_legend(log), loc="outside lower center", ncols=8, frameon=False)
     summary = log.summary
     transit = f"seed {summary['seed']}, transit {summary['transit']}"
-    figure.suptitle(f"{log.body.config.name}: {summary['controller']}, {transit}")
+    title = f"{log.body.config.name}: {summary['controller']}, {transit}, {outcome(summary)}"
+    figure.suptitle(title)
     return figure
 
 
@@ -168,7 +170,7 @@ def plot_force(ax: Axes, log: FlightLog, axis: str) -> None:
     for sign in (-1.0, 1.0):
         ax.axhline(sign * limit, color=_LIMIT, linestyle="--", linewidth=1.0)
     ax.set_ylim(-1.15 * limit, 1.15 * limit)
-    _over_time(ax, log, f"force along {axis} (N)")
+    _over_time(ax, log, f"force along {axis} of S (N)")
 
 
 def _over_time(ax: Axes, log: FlightLog, label: str) -> None:
@@ -185,6 +187,7 @@ def _legend(log: FlightLog) -> list[Line2D]:
     """Gives the legend of the colours and line styles for the controllers in this log."""
     legend = legend_of(log.dataset)
     entries = [legend[each] for each in all_flown_by(log.dataset)]
+    arrived = np.isfinite(log.dataset.attrs["arrival_time_s"])
     return [
         *(
             Line2D([], [], color=entry.colour, linewidth=2.0, label=f"flown by {entry.name}")
@@ -192,7 +195,8 @@ def _legend(log: FlightLog) -> list[Line2D]:
         ),
         Line2D([], [], color="black", marker="o", linestyle="", label="start"),
         Line2D([], [], color=GOAL, marker="*", markersize=11, linestyle="", label="goal"),
-        Line2D([], [], color=GOAL, linewidth=1.0, label="arrival"),
+        Line2D([], [], color=GOAL, linestyle="--", linewidth=1.0, label="arrival radius"),
+        *([Line2D([], [], color=GOAL, linewidth=1.0, label="arrival")] if arrived else []),
         Line2D([], [], color=KEEP_OUT, linestyle="--", label="keep-out ellipsoid"),
         Line2D([], [], color=_LIMIT, linestyle="--", label="limit"),
         *true_handles(log.body, log.differing_body),

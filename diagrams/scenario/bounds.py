@@ -158,11 +158,13 @@ def _warn_of_exceeded(bounds: AssuranceBounds, dispersions: Dispersions) -> None
                 told = f"declared up to {most:.3g}, assurance.bounds say {bound:.3g}"
                 beyond.append(f"{field.name}: {told}")
     if beyond:
-        own = _own_values(dispersions)
+        own, given = _own_values(dispersions), dispersions.scenario.assurance
+        surveyed = given is not None and str(given.bounds).endswith("expected.yaml")
+        usual = " (surface_m often does after a survey: docs/method/mapping.md)" if surveyed else ""
         sources = [dispersions.scenario.dispersions, "the scenario" if own else None]
         warnings.warn(
             f"{' and '.join(filter(None, sources))} may exceed assurance.bounds, so runtime "
-            f"assurance does not promise to keep out: {'; '.join(beyond)}",
+            f"assurance does not promise to keep out: {'; '.join(beyond)}{usual}",
             stacklevel=2,
         )
 

@@ -13,6 +13,7 @@ from proxops.diagrams.scenario.dispersions import Dispersions
 from proxops.diagrams.scenario.keys import default_at, value_at
 from proxops.diagrams.scenario.quantities import QUANTITIES
 from proxops.diagrams.scenario.scenario_config import Scenario, TrueStateConfig, TruthConfig
+from proxops.diagrams.scenario.spacecraft_model import RigidBodyConfig, load_spacecraft
 from proxops.diagrams.scenario.tasks import Transit
 from proxops.diagrams.scenario.tuning import expected_errors
 from proxops.systems.navigation import LidarNavigationConfig
@@ -23,6 +24,10 @@ from proxops.systems.shapes import clearances
 _OF_MAP = ("surface_rms_m", "size")
 # Transits in a cube of this many lengths of the body are far away from it.
 _FAR = 10.0
+# A body of less than so many metres may be one whose unit is wrong.
+_LEAST = 10.0
+# A pulse of less than this share of the arrival's speed limit lets a spacecraft come to rest.
+_PULSE = 0.1
 # The MPC is not stable with a shorter horizon, in control periods.
 _LEAST_HORIZON = 2.0
 
@@ -33,7 +38,7 @@ def scenario_remarks(scenario: Scenario, body: Body) -> list[str]:
     Args:
       scenario: as the user gave it, before a draw. body: as believed.
     """
-    parts = _untold, _tumbling, _moons, _proportions, _reach, _mpc
+    parts = _untold, _tumbling, _moons, _proportions, _pulses, _reach, _mpc
     if not isinstance(scenario.task, Transit):  # It draws no transit and flies no MPC.
         parts = _untold, _tumbling
     return [remark for part in parts for remark in part(scenario, body)]
@@ -89,11 +94,32 @@ def _moons(scenario: Scenario, body: Body) -> Iterator[str]:
 
 def _proportions(scenario: Scenario, body: Body) -> Iterator[str]:
     """On transits that are not made for this body."""
-    ratio = scenario.transit.cube_m / float(body.shape.extents.max())
+    length = float(body.shape.extents.max())
+    if length < _LEAST:
+        yield (
+            f"{body.config.name} is {length:.3g} m long: if its mesh is in km, say so by mesh_unit "
+            "of the body's file"
+        )
+    ratio = scenario.transit.cube_m / length
     if scenario.transit.start_m is None and ratio > _FAR:
         yield (
             f"transit.cube_m is {ratio:.0f} times the length of {body.config.name}: the scenario "
             "is made for another body; proxops shape FILE --scenario writes one in its proportions"
+        )
+
+
+def _pulses(scenario: Scenario, body: Body) -> Iterator[str]:
+    """On thrusters that are too strong for the arrival's limits."""
+    craft = scenario.spacecraft
+    if not isinstance(craft, RigidBodyConfig):
+        return
+    layout, limit = load_spacecraft(craft.model).thrusters, scenario.arrival.speed_m_s
+    pulse = float(layout.forces.max()) * layout.least_on_time / craft.mass_kg
+    if pulse > _PULSE * limit:
+        yield (
+            f"the least pulse of a thruster of {craft.model} changes the speed by {pulse:.2g} m/s, "
+            f"and arrival.speed_m_s is {limit:.2g}: the spacecraft may never come to rest; raise "
+            "arrival.speed_m_s, or take a model with weaker thrusters"
         )
 
 

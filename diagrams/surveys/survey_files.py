@@ -338,7 +338,7 @@ def survey_figures(
         "residual_median_m": float(np.median(np.abs(found.solution.residuals))),
         "returns": len(found.returns.ranges),
         "frames": len(found.returns.times),
-        "orbit_time_h": flight.orbit_time / 3600.0,
+        "approach_h": flight.orbit_time / 3600.0,
         "delta_v_m_s": flight.delta_v,
         "orbit_delta_v_m_s": float(np.abs(flight.returns.thrusts).sum() * _period(flight)),
         "least_clearance_m": flight.clearance,

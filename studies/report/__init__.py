@@ -25,7 +25,7 @@ from proxops.studies.report.plots import (
     path_handles,
     plot_flights,
 )
-from proxops.studies.report.shown_flights import may_be_shown, outcome
+from proxops.studies.report.shown_flights import may_be_shown
 from proxops.studies.report.survey_report import (
     plot_over_surface,
     write_survey_film,
@@ -46,7 +46,6 @@ __all__ = [
     "label_axis",
     "may_be_shown",
     "new_figure",
-    "outcome",
     "path_handles",
     "plot_flights",
     "plot_over_surface",

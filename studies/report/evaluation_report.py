@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from proxops.diagrams.flight import Row, Workers
-from proxops.diagrams.logs import length_text, three_digits
+from proxops.diagrams.logs import length_text, outcome, three_digits
 from proxops.diagrams.scenario import (
     ArrivalConfig,
     MissionConfig,
@@ -46,7 +46,6 @@ from proxops.studies.report.plots import (
 from proxops.studies.report.shown_flights import (
     flew_a_policy,
     mission_logs,
-    outcome,
     path_transits,
     replay_page,
     replayed_flights,

@@ -17,20 +17,6 @@ _PATHS, _WORST, _REPLAYED = 4, 3, 5
 _FOLDER = "worst"
 
 
-def outcome(row: Row) -> str:
-    """How a flight ended, in a few words."""
-    if row["collided"]:
-        return "collision"
-    if row["keep_out_violations"]:
-        return "inside the keep-out"
-    if row["success"]:
-        arrived = "arrived" if "arrival_time_s" in row else "a map"
-        return "touched, and home again" if row.get("touched") else arrived
-    if "touched" in row and row["safe"]:
-        return "home again without a touch"
-    return "no arrival" if row["arrival_time_s"] is None else "arrived too late"
-
-
 def worst_flights(rows: Sequence[Row], count: int = _WORST) -> list[Row]:
     """Returns the rows of the worst flights: those that failed, then by the miss or end error.
 

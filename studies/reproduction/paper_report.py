@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from proxops.diagrams.logs import FlightLog, length_text
+from proxops.diagrams.logs import FlightLog, length_text, outcome
 from proxops.diagrams.meshcat import paths_page
 from proxops.diagrams.scenario import Body, Scenario, TrueStateConfig
 from proxops.studies.campaigns import Stage
 from proxops.studies.figures import EXPERT, Results
-from proxops.studies.report import Looks, controller_looks, outcome, success_text
+from proxops.studies.report import Looks, controller_looks, success_text
 from proxops.studies.reproduction import costs as paper
 from proxops.studies.reproduction import paper_flights as flights
 from proxops.studies.reproduction.paper_plots import (

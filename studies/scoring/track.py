@@ -61,8 +61,8 @@ class Track:
     """Δv in m/s of the MPC in each transit, which `with_expert` tells; None: it did not succeed.
     Empty: it was not flown. Of surveys, that with the estimator that ships."""
     drawn: Sequence[Mapping[str, typing.Any]] = ()
-    """What dispersions draw, where surveys and missions are told these: values by dotted keys. Empty:
-    the changes hold it, and nothing is drawn."""
+    """What dispersions draw, of surveys and missions, which are told these: values by dotted keys.
+    Empty: the changes hold it, and nothing is drawn."""
 
     @property
     def sha256(self) -> str:

@@ -222,6 +222,7 @@ class AttitudeFilter(LeafSystem):
 
     def estimate(self, context) -> AttitudeEstimate:
         """The estimate in a Context of this system, at an attitude step."""
+        self.ValidateContext(context)
         return self._step.Eval(context)
 
     def _calc_step(self, context, value):

@@ -288,6 +288,7 @@ class TorqueEstimator(LeafSystem):
 
     def estimate(self, context) -> TorqueEstimate:
         """The estimate in a Context of this system."""
+        self.ValidateContext(context)
         return self._unpacked(context.get_discrete_state(self._memory).value())[1]
 
     def _thruster_torques(self, now: TorqueEstimate) -> Values:

@@ -44,6 +44,7 @@ class SeededSystem(LeafSystem):
           InputError: it is no whole number from 0 to 2^53 - 1.
         """
         self._check_seed(seed)
+        self.ValidateContext(context)
         context.get_mutable_numeric_parameter(self._seed_index).SetAtIndex(0, float(seed))
 
     def _check_seed(self, seed: int) -> None:
@@ -55,6 +56,7 @@ class SeededSystem(LeafSystem):
 
     def seed_of(self, context) -> int:
         """The seed in a Context of this system."""
+        self.ValidateContext(context)
         return int(context.get_numeric_parameter(self._seed_index).GetAtIndex(0))
 
     def step_of(self, context) -> int:

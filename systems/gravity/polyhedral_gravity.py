@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 import sys
+import typing
 
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import LeafSystem_, ValueProducer
+from pydrake.systems.framework import LeafSystem, LeafSystem_, ValueProducer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from proxops.systems.common import InputError, make_for_floats
@@ -116,9 +116,14 @@ def PolyhedralGravity_(T):  # noqa: N802 (Drake's own naming of templates)
     return Impl
 
 
-make_for_floats(PolyhedralGravity_)
-PolyhedralGravity = PolyhedralGravity_[None]
-# Drake's constructor takes *args and **kwargs; editors and help() show this.
-PolyhedralGravity.__signature__ = inspect.Signature(
-    [inspect.Parameter("field", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Field)]
-)
+if typing.TYPE_CHECKING:  # Editors don't see into templates.
+
+    class PolyhedralGravity(LeafSystem):
+        """Gravity of a polyhedron at a point, in K: see `PolyhedralGravity_`."""
+
+        field: Field
+
+        def __init__(self, field: Field): ...
+
+else:
+    PolyhedralGravity = make_for_floats(PolyhedralGravity_)

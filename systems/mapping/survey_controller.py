@@ -95,10 +95,12 @@ class SurveyController(LeafSystem):
 
     def kept_for(self, context) -> float:
         """How long the orbit has been kept, in s."""
+        self.ValidateContext(context)
         return float(context.get_discrete_state(0).value()[_KEPT])
 
     def seen(self, context) -> float:
         """Which share of the surface it has seen often, as far as it knows where it was."""
+        self.ValidateContext(context)
         return float(np.mean(context.get_discrete_state(0).value()[_COUNTS:] >= _ENOUGH))
 
     def _calc_force(self, context, output):

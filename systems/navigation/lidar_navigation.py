@@ -198,6 +198,7 @@ class LidarNavigation(LeafSystem):
 
     def estimate(self, context) -> Estimate | None:
         """The whole estimate in a Context of this system, at a control step; None: it has none."""
+        self.ValidateContext(context)
         return self._step.Eval(context).now
 
     def mended_map(self, context) -> MendedMap:
@@ -207,6 +208,7 @@ class LidarNavigation(LeafSystem):
           InputError: the navigation has no estimate or is lost, the map is not one of its unknowns,
             or the mended surface is not sound.
         """
+        self.ValidateContext(context)
         memory = self._unpacked(context.get_discrete_state(self._memory).value())
         if memory.estimate is None:
             raise InputError("the map is not mended: the navigation never knew where it was")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
+import typing
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
-from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.framework import BasicVector_, LeafSystem, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from proxops.systems.common import (
@@ -328,5 +329,30 @@ def RigidSpacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
     return Impl
 
 
-make_for_floats(RigidSpacecraft_)
-RigidSpacecraft = RigidSpacecraft_[None]
+if typing.TYPE_CHECKING:  # Editors don't see into templates.
+
+    class RigidSpacecraft(LeafSystem):
+        """A rigid spacecraft with reaction wheels, in K: see `RigidSpacecraft_`."""
+
+        mass: float
+        inertia: Matrix3
+        bus_inertia: Matrix3
+        spin: np.ndarray | None
+        start: RigidBodyStart
+        axis_point: np.ndarray
+        wheel_axes: Vectors3
+        wheel_inertia: float
+
+        def __init__(
+            self,
+            mass: float,
+            inertia: Matrix3,
+            spin: Vector3 | None,
+            start: RigidBodyStart | None = None,
+            axis_point: Vector3 | tuple[float, ...] = (0.0, 0.0, 0.0),
+            wheel_axes: Vectors3 | None = None,
+            wheel_inertia: float = 0.0,
+        ): ...
+
+else:
+    RigidSpacecraft = make_for_floats(RigidSpacecraft_)

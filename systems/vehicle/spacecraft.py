@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
+import typing
 from collections.abc import Sequence
 
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
-from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.framework import BasicVector_, LeafSystem, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from proxops.systems.common import (
@@ -248,5 +249,26 @@ def Spacecraft_(T):  # noqa: N802 (Drake's own naming of templates)
     return Impl
 
 
-make_for_floats(Spacecraft_)
-Spacecraft = Spacecraft_[None]
+if typing.TYPE_CHECKING:  # Editors don't see into templates.
+
+    class Spacecraft(LeafSystem):
+        """A point mass in the body-fixed rotating frame K: see `Spacecraft_`."""
+
+        mass: float
+        spin: float | np.ndarray | None
+        initial_state: np.ndarray
+        axis_point: np.ndarray
+        burns_propellant: bool
+
+        def __init__(
+            self,
+            mass: float,
+            spin: float | Sequence[float] | np.ndarray | None,
+            initial_state: Sequence[float] | np.ndarray | None = None,
+            *,
+            axis_point: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
+            burns_propellant: bool = False,
+        ): ...
+
+else:
+    Spacecraft = make_for_floats(Spacecraft_)

@@ -82,8 +82,9 @@ def test_estimators_refused(
         "def empty(returns, around, expected, progress):\n    return None\n\n\n"
         "def wrong(returns, around, expected, progress):\n    return 1 / 0\n"
     )
+    given: Any = [None] * 4
     with pytest.raises(InputError, match=words):
-        named_estimator(name)(*[None] * 4)
+        named_estimator(name)(*given)
 
 
 def test_a_map_of_half_a_body_is_refused() -> None:

@@ -1,11 +1,13 @@
 """Flights obey physics: the log's motion, events and outcomes are each computed a second way."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from jacobi import jacobi_integral
 from plain_motion import moved
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from scipy.interpolate import CubicHermiteSpline
 from short_flights import (
     disturbed_flight,
@@ -15,7 +17,7 @@ from short_flights import (
     short_scenario,
 )
 
-from proxops.diagrams.flight import fly, named_controller
+from proxops.diagrams.flight import add_transit, fly, make_transit_diagram, named_controller
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.diagrams.scenario.scenario import load_scenario
 from proxops.systems import InputError
@@ -174,6 +176,53 @@ def test_errors_of_a_users_controller_have_its_name(
     )
     made = named_controller("unnamed:make", load_scenario(), kleopatra())
     assert made.get_name() == "unnamed:make"
+
+
+def test_what_a_users_controller_raises_in_flight_has_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("too_short.py").write_text(
+        "from pydrake.systems.framework import LeafSystem\n\n\n"
+        "class Short(LeafSystem):\n"
+        "    def __init__(self):\n"
+        "        super().__init__()\n"
+        "        self.DeclareVectorOutputPort('force', 3, self.calc)\n\n"
+        "    def calc(self, context, output):\n"
+        "        output.SetFromVector([0.0, 0.0])\n\n\n"
+        "def make(scenario, body):\n    return Short()\n"
+    )
+    with pytest.raises(InputError, match=r"'too_short:make': \w+: .*\(too_short\.py, line 10\)$"):
+        fly(short_scenario(), "too_short:make", body=kleopatra())
+
+
+@pytest.mark.parametrize(
+    ("given", "cure"),
+    [
+        (LeafSystem, "make one of this class"),
+        (lambda scenario, body: None, r"call it with what it takes, such as \(scenario, load_body"),
+        ("pd", r"named_controller\(name, scenario, load_body\(scenario\.body\)\) makes one"),
+    ],
+)
+def test_what_is_no_controller_is_told_how_to_make_one(given: Any, cure: str) -> None:
+    with pytest.raises(InputError, match=f"not a System: {cure}"):
+        make_transit_diagram(short_scenario(), given, body=kleopatra())
+
+
+def test_meshcat_is_a_meshcat() -> None:
+    wrong: Any = True
+    with pytest.raises(InputError, match=r"meshcat is True, not a Meshcat: give .*StartMeshcat"):
+        make_transit_diagram(short_scenario(), meshcat=wrong, body=kleopatra())
+
+
+def test_two_transits_have_two_names() -> None:
+    builder = DiagramBuilder()
+    first = add_transit(builder, short_scenario(), body=kleopatra())
+    with pytest.raises(InputError, match="give that another name"):
+        add_transit(builder, short_scenario(), body=kleopatra())
+    first.set_name("first")
+    add_transit(builder, short_scenario(), body=kleopatra())
+    assert builder.Build().GetSubsystemByName("transit").num_output_ports() > 1
 
 
 def test_a_period_of_several_steps_keeps_one_frame_each():

@@ -1,6 +1,7 @@
 """Flights at a body that tumbles: against an integration in N, and of those who know it or not."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ def test_a_coasting_spacecraft_moves_as_in_n(wobbling, spacecraft, told):
 @pytest.mark.parametrize("kind", [Spacecraft, RigidSpacecraft])
 def test_derivatives_by_a_spin_that_is_told(kind):
     """AutoDiff by the state and by what the ports say of the spin, against differences."""
-    inertia = () if kind is Spacecraft else (np.diag([30.0, 35.0, 38.0]),)
+    inertia: tuple[Any, ...] = () if kind is Spacecraft else (np.diag([30.0, 35.0, 38.0]),)
     craft = kind(100.0, *inertia, None)
     context = craft.CreateDefaultContext()
     size = context.num_continuous_states()

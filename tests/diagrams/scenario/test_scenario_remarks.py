@@ -1,5 +1,6 @@
 """What is said of a scenario that may be flown, but not as its user may think."""
 
+import dataclasses as dc
 from pathlib import Path
 
 import pytest
@@ -43,6 +44,21 @@ def test_an_error_that_the_navigation_does_not_expect(change: str, expected: str
 
 def test_a_rigid_spacecraft_owes_what_is_too_little() -> None:
     assert said("truth.thrusters.least_impulse_n_s=0.1", "spacecraft=!RigidBody {}") == []
+
+
+def test_thrusters_that_are_too_strong_for_the_arrival() -> None:
+    (remark,) = said("spacecraft=!RigidBody {}", "arrival.speed_m_s=0.0023")
+    assert remark.startswith(
+        "the least pulse of a thruster of smallsat changes the speed by 0.0008"
+    )
+    assert "raise arrival.speed_m_s" in remark
+    assert said("spacecraft=!RigidBody {}", "arrival.speed_m_s=0.02") == []
+
+
+def test_a_body_in_the_wrong_unit() -> None:
+    small = dc.replace(kleopatra(), shape=kleopatra().shape.scaled(1e-5))
+    remarks = scenario_remarks(load_scenario(), small)
+    assert any("is 2.19 m long: if its mesh is in km" in remark for remark in remarks)
 
 
 def test_a_scenario_of_another_body(tmp_path: Path) -> None:

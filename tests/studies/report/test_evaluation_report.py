@@ -12,9 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from known_policies import Counting, DeadReckoning, write_policy
 
+from proxops.diagrams.logs import outcome
 from proxops.diagrams.logs.flight_log import FlightLog
 from proxops.studies.figures.results import Result, aggregate, figure_rows, results_from_json
-from proxops.studies.report import may_be_shown, outcome
+from proxops.studies.report import may_be_shown
 from proxops.studies.report.shown_flights import shown_transits, worst_flights
 from proxops.systems.vehicle import ArrivalConfig
 

@@ -5,6 +5,8 @@ import pytest
 import trimesh
 from contact_binary import box, polyhedron
 from one_system import context_of
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
 from proxops.systems import Lidar, LidarErrors, LidarGeometry, Polyhedron, ray_directions
@@ -119,6 +121,19 @@ def test_ranges_agree_with_exact_intersections(name, count, kleopatra):
 
 
 # The other outputs
+
+
+def test_a_seed_is_set_in_a_context_of_the_lidar_alone(kleopatra):
+    """In that of a diagram it would be a parameter of another system."""
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource([150e3, 0.0, 0.0]))
+    lidar = builder.AddSystem(Lidar(kleopatra))
+    builder.Connect(source.get_output_port(), lidar.GetInputPort("position"))
+    context = builder.Build().CreateDefaultContext()
+    with pytest.raises(RuntimeError, match="Use GetMyContextFromRoot"):
+        lidar.set_seed(context, 7)
+    lidar.set_seed(lidar.GetMyMutableContextFromRoot(context), 7)
+    assert lidar.seed_of(lidar.GetMyContextFromRoot(context)) == 7
 
 
 def test_frames_equal_the_port(kleopatra):

@@ -192,9 +192,18 @@ def test_steps_find_the_ellipsoid(case) -> None:
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_map_of_another_size_is_refused(case, factor: float) -> None:
-    batch._check_size(case[0], AXES)
+    batch._check_size(case[0].vertices, AXES)
     with pytest.raises(InputError, match="another body"):
-        batch._check_size(case[0], factor * AXES)
+        batch._check_size(case[0].vertices, factor * AXES)
+
+
+def test_a_vertex_that_stands_out_alone_ends_no_estimate_but_no_map(case) -> None:
+    """False returns may draw one out, while the map is coarse and star-shaped."""
+    vertices = case[0].vertices.copy()
+    vertices[7] *= 4.0
+    batch._check_size(np.quantile(vertices, batch._MOST_OF_IT, axis=0), AXES)
+    with pytest.raises(InputError, match="another body"):
+        batch._check_size(vertices, AXES)
 
 
 def test_nearest_places_are_those_of_trimesh() -> None:

@@ -170,9 +170,8 @@ class _PointMasses:
 
     def __init__(self, field, spin, masses, places):
         self.field, self.spin, self.masses, self.places = field, spin, masses, places
-        self.inertia = sum(
-            m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, places, strict=True)
-        )
+        squares = np.sum(places**2, axis=1)
+        self.inertia = (masses @ squares) * np.eye(3) - (places.T * masses) @ places
 
     def rates(self, time, state):
         place, velocity, momentum = state[:3], state[3:6], state[6:9]
