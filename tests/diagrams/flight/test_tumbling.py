@@ -65,7 +65,7 @@ def test_a_coasting_spacecraft_moves_as_in_n(wobbling, spacecraft, told):
 
 
 @pytest.mark.parametrize("kind", [Spacecraft, RigidSpacecraft])
-def test_derivatives_by_a_spin_that_is_told(kind):
+def test_derivatives_by_a_spin_that_is_told(kind: Any) -> None:
     """AutoDiff by the state and by what the ports say of the spin, against differences."""
     inertia: tuple[Any, ...] = () if kind is Spacecraft else (np.diag([30.0, 35.0, 38.0]),)
     craft = kind(100.0, *inertia, None)

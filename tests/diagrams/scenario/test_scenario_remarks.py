@@ -8,6 +8,7 @@ from short_flights import kleopatra
 
 from proxops.diagrams.new_body import scaled_scenario, write_generated_body
 from proxops.diagrams.scenario import load_body, load_scenario, scenario_remarks
+from proxops.systems import Polyhedron
 
 
 def said(*changes: str) -> list[str]:
@@ -56,7 +57,9 @@ def test_thrusters_that_are_too_strong_for_the_arrival() -> None:
 
 
 def test_a_body_in_the_wrong_unit() -> None:
-    small = dc.replace(kleopatra(), shape=kleopatra().shape.scaled(1e-5))
+    shape = kleopatra().shape
+    tiny = Polyhedron(1e-5 * shape.vertices, shape.facets, "tiny")
+    small = dc.replace(kleopatra(), shape=tiny)
     remarks = scenario_remarks(load_scenario(), small)
     assert any("is 2.19 m long: if its mesh is in km" in remark for remark in remarks)
 
