@@ -67,8 +67,9 @@ def test_a_coasting_spacecraft_moves_as_in_n(wobbling, spacecraft, told):
 @pytest.mark.parametrize("kind", [Spacecraft, RigidSpacecraft])
 def test_derivatives_by_a_spin_that_is_told(kind: Any) -> None:
     """AutoDiff by the state and by what the ports say of the spin, against differences."""
-    inertia: tuple[Any, ...] = () if kind is Spacecraft else (np.diag([30.0, 35.0, 38.0]),)
-    craft = kind(100.0, *inertia, None)
+    craft = RigidSpacecraft(100.0, np.diag([30.0, 35.0, 38.0]), None)
+    if kind is Spacecraft:
+        craft = Spacecraft(100.0, None)
     context = craft.CreateDefaultContext()
     size = context.num_continuous_states()
     for k in range(craft.num_input_ports()):

@@ -200,7 +200,7 @@ def test_a_map_of_another_size_is_refused(case, factor: float) -> None:
 def test_a_vertex_that_stands_out_alone_ends_no_estimate_but_no_map() -> None:
     """False returns may draw one out, while the map is coarse and star-shaped."""
     vertices = sphere(3).vertices * AXES
-    vertices[7] *= 4.0
+    vertices[7] *= 9.0
     batch._check_size(np.quantile(vertices, batch._MOST_OF_IT, axis=0), AXES)
     with pytest.raises(InputError, match="another body"):
         batch._check_size(vertices, AXES)
