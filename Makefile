@@ -31,7 +31,7 @@ help:
 	@echo "make lint       check format, style and types"
 	@echo "make bench      measure speed, beside other packages, into benchmarks/results.json"
 	@echo "make notebooks  run every notebook, into build/notebooks"
-	@echo "make docs       build the documentation into build/site, with the notebooks"
+	@echo "make docs       build the documentation into build/site; executes the notebooks: some minutes"
 	@echo "make version    build the documentation beside that of other versions, on the branch gh-pages"
 	@echo "make note       build the technical note, build/note.pdf"
 	@echo "make results    take $(REPRODUCTION)/results.json into docs, and write its tables"

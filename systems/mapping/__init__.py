@@ -9,10 +9,11 @@ a map. Numerics are functions on arrays; `Expected` has all that is uncertain be
 
 from proxops.systems.mapping.batch import Estimated, estimated
 from proxops.systems.mapping.first_orbit import FEWEST
+from proxops.systems.mapping.path import Path
 from proxops.systems.mapping.returns import Returns
 from proxops.systems.mapping.survey_controller import HIGHEST, SurveyController, orbit_normal
 from proxops.systems.mapping.survey_filter import Around
-from proxops.systems.mapping.survey_fit import Expected, Survey, matched
+from proxops.systems.mapping.survey_fit import Expected, Solution, Survey, matched
 from proxops.systems.mapping.uncertainty import MapUncertainty, map_uncertainty
 
 __all__ = [
@@ -22,7 +23,9 @@ __all__ = [
     "Estimated",
     "Expected",
     "MapUncertainty",
+    "Path",
     "Returns",
+    "Solution",
     "Survey",
     "SurveyController",
     "estimated",
