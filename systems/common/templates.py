@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import threading
+import typing
 
 from pydrake.common.cpp_template import TemplateBase
 
@@ -17,7 +18,7 @@ def make_for_floats(template: TemplateBase) -> type:
     thread = threading.Thread(target=template.get_instantiation, args=((float,),))
     thread.start()
     thread.join()
-    made = template[float]
+    made: typing.Any = template[float]
     own = list(inspect.signature(made._construct).parameters.values())[1:]
     made.__signature__ = inspect.Signature([each for each in own if each.name != "converter"])
     return made
