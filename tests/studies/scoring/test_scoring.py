@@ -11,7 +11,7 @@ from commands import proxops
 from scipy.stats import beta
 
 from proxops.diagrams.flight import Flight, Workers, fly
-from proxops.diagrams.scenario import load_scenario, of_transit
+from proxops.diagrams.scenario import SurveyConfig, load_scenario, of_transit
 from proxops.studies.campaigns import TaskRun
 from proxops.studies.scoring import (
     TRACKS,
@@ -68,9 +68,10 @@ def values(flight: Flight) -> dict[str, object]:
 @pytest.mark.parametrize("name", TRACKS)
 def test_tracks_are_what_was_drawn(name: str) -> None:
     """Today's code still draws their first transits; should it not, the tracks stay as they are."""
-    track, many = load_track(name), {"touch": 40, "mission": 20}.get(name, 200)
+    track, many = load_track(name), {"touch": 40, "mission": 20, "survey": 20}.get(name, 200)
     assert (track.name, track.sha256, len(track.changes)) == (name, TRACKS[name], many)
     of_track = {"lidar-after-survey": "after_survey", "touch": "touch_and_go"}
+    of_track["survey"] = "first_look"
     settings: dict[str, Any] = {"log_ranges": False}
     if name in of_track:
         settings["dispersions"] = of_track[name]
@@ -79,7 +80,9 @@ def test_tracks_are_what_was_drawn(name: str) -> None:
         settings["task.survey.hours"] = 24.0
     file = {"touch": "bennu_touch_and_go", "mission": "bennu_mission"}.get(name)
     given = load_scenario(file, settings, on_true_state=name == "state")
-    drawn = draw_track(name, given, SEED, 2)
+    if name == "survey":
+        given = dc.replace(given, task=SurveyConfig())
+    drawn = draw_track(name, given, SEED + 1 if name == "survey" else SEED, 2)
     assert drawn.body_sha256 == track.body_sha256
     kept = dc.replace(track, changes=track.changes[:2], drawn=track.drawn[:2])
     for one, other in zip(drawn.flights("zero"), kept.flights("zero"), strict=True):
@@ -125,6 +128,33 @@ def test_a_row_of_missions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert found == [
         Outcome(True, False, 0, 2.6, 0.3, 5000.0), Outcome(False, False, 0, 0.0, 0.0, None)
     ]  # fmt: skip
+
+
+def test_a_row_of_surveys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A good one, one too rough, one that is surer than it is, and one that saw too little."""
+    good = {"success": True, "collided": False, "keep_out_violations": 0}
+    good |= {"survey_map_rms_of_size": 2e-4, "survey_within_3_sigma": 0.999, "survey_hours": 20.0}
+    good |= {"survey_length_m": 2e5, "survey_delta_v_m_s": 25.0}
+    rows = [good, good | {"survey_map_rms_of_size": 7e-4}, good | {"survey_within_3_sigma": 0.9}]
+    rows.append({"success": False, "ended_early": "the survey saw 60 % of the surface"})
+
+    def row(run: TaskRun) -> dict[str, Any]:
+        index = int(run.name[-1])
+        assert run.controller == "own_map:estimate"
+        return {"transit": index, **rows[index]}
+
+    monkeypatch.setattr(TaskRun, "row", row)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own_map.py").write_text("def estimate(returns, around, expected, progress): ...")
+    track = load_track("survey")
+    short = dc.replace(track, changes=track.changes[:4], drawn=track.drawn[:4])
+    found = score(short, "own_map:estimate", tmp_path / "out", workers=Workers(1)).flights
+    assert found == [
+        Outcome(True, False, 0, 25.0, 40.0, 72000.0),
+        Outcome(False, False, 0, 25.0, 140.0, 72000.0),
+        Outcome(False, False, 0, 25.0, 40.0, 72000.0),
+        Outcome(False, False, 0, 0.0, 0.0, None),
+    ]
 
 
 def test_flights_are_those_of_the_seed(brief: Track, tmp_path: Path) -> None:
@@ -180,10 +210,11 @@ def test_what_the_mpc_took_is_what_its_row_says(name: str) -> None:
     """The lists that ship are of 0.10.0, whose MPC did not arrive in transit 181; the rows of
     0.11.0, which does."""
     track = load_track(name)
-    row = load_row(ROOT / "docs" / "benchmark" / f"{name}-mpc.json")
+    file = "survey-survey" if name == "survey" else f"{name}-mpc"
+    row = load_row(ROOT / "docs" / "benchmark" / f"{file}.json")
     found = with_expert(track, row)
     kept = list(track.expert_delta_v_m_s)
-    if name not in ("touch", "mission"):
+    if name not in ("touch", "mission", "survey"):
         assert kept[181] is None
         kept[181] = found.expert_delta_v_m_s[181]
     assert found.expert_delta_v_m_s == kept
