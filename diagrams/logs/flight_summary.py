@@ -99,8 +99,9 @@ def outcome(row: Mapping[str, typing.Any]) -> str:
     if row["keep_out_violations"]:
         return "inside the keep-out"
     if row["success"]:
-        arrived = "arrived" if "arrival_time_s" in row else "a map"
-        return "touched, and home again" if row.get("touched") else arrived
+        if row.get("touched"):
+            return "touched, and parked" if "parked_m" in row else "touched, and home again"
+        return "arrived" if "arrival_time_s" in row else "a map"
     if "touched" in row and row["safe"]:
         return "home again without a touch"
     return "no arrival" if row["arrival_time_s"] is None else "arrived too late"
