@@ -114,7 +114,7 @@ class RigidBodyConfig:
     # is relative to that file.
     model: str = "smallsat"
     # The mass over that of the model: 1 is the model's own.
-    mass: float = number(1.0, at_least=0.1, at_most=10.0)
+    mass: float = number(1.0, at_least=1e-3, at_most=10.0)
     # Greatest speed per axis in the body-fixed frame. The MPC respects it; the plant does not
     # enforce it.
     speed_limit_m_s: float = number(40.0, at_least=1e-6, at_most=1e5, unit="m/s")
