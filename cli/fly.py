@@ -339,12 +339,11 @@ def _first_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str,
                 None,
             ),
         ]
-    end = "orbit" if "parked_m" in summary else "goal"
     flown, wall = float(log.dataset["time"].values[-1]), summary["wall_s"]
     rows += [
         ("arrival", "never" if arrival is None else f"{arrival:.0f} s", None),
         (
-            f"distance from the {end} at the end",
+            f"distance from the {_end(summary)} at the end",
             length_text(summary["terminal_position_error_m"]),
             None,
         ),
@@ -362,13 +361,12 @@ def _first_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str,
 
 
 def _other_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]]:
-    end = "orbit" if "parked_m" in summary else "goal"
     rows = [
         ("transit", _transit_text(log.scenario)),
         *([("values drawn", str(len(summary["dispersed"])))] if summary["dispersed"] else []),
         *(_touch(summary) if "touched" in summary else []),
         (
-            f"speed against the {end} at the end",
+            f"speed against the {_end(summary)} at the end",
             f"{three_digits(summary['terminal_speed_m_s'])} m/s",
         ),
         ("Δv of the hold", f"{three_digits(summary['hold_delta_v_m_s'])} m/s"),
@@ -402,6 +400,11 @@ def _other_rows(log: FlightLog, summary: dict[str, Any]) -> list[tuple[str, str]
         rows.append(("steps that runtime assurance judged", f"{summary['assured_share']:.1%}"))
     rows += [(f"steps {what}", str(count)) for what, count in fallback_steps(log.dataset).items()]
     return rows
+
+
+def _end(summary: dict[str, Any]) -> str:
+    """What the flight's end is compared with."""
+    return "orbit" if "parked_m" in summary else "goal"
 
 
 def _touch(summary: dict[str, Any]) -> list[tuple[str, str]]:

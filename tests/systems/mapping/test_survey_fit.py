@@ -120,7 +120,9 @@ def test_derivatives_of_what_all_returns_share(request, name, unknown, step) -> 
     match = matched(placed.points, survey.vertices, survey.facets)
     rows, _ = survey_fit._rows(survey, returns, placed, match)
     wanted = derivatives(lambda other: residuals(other, returns, match), survey, unknown, step)
-    np.testing.assert_allclose(rows[:, 24 + unknown], wanted, atol=1e-3 * np.abs(wanted).max())
+    # How a body that tumbles turns is differenced forwards.
+    tolerance = {"case": 1e-4, "tumbling": 1e-3}[name] * np.abs(wanted).max()
+    np.testing.assert_allclose(rows[:, 24 + unknown], wanted, atol=tolerance)
 
 
 @pytest.mark.parametrize(

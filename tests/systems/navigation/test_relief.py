@@ -95,6 +95,16 @@ def heights(points: np.ndarray, seed: int, std: float, correlation: float) -> np
     return std * np.sqrt(2.0 / 500.0) * np.cos(points @ waves.T + phases).sum(axis=1)
 
 
+def seen_of(ball: Polyhedron, model: FrameModel, place: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Of the rays (N,) from a place (3,): which meet a ball; and of these where, and the ranges and
+    cosines of the incidence there."""
+    hits = ray_caster(ball).first_hits(place, model.directions)
+    met = hits.facets >= 0
+    rays, ranges = model.directions[met], hits.distances[met]
+    cosines = -np.einsum("ki,ki->k", rays, ball.normals[hits.facets[met]])
+    return met, place + ranges[:, None] * rays, ranges, cosines
+
+
 def test_stones_that_are_seen_for_long_do_not_tell_where_one_is() -> None:
     """A ball whose map may be wavy, and has no relief, is seen 30 times from the same place."""
     ball = Polyhedron.from_trimesh(trimesh.creation.icosphere(4, 270.0), "m")
@@ -105,11 +115,7 @@ def test_stones_that_are_seen_for_long_do_not_tell_where_one_is() -> None:
     sigma = first_sigmas(ExpectedErrors(), spin, error.coefficients, 10.0, 0.0)
     place, off = np.array([0.0, 0.0, 370.0]), []
     pose = np.r_[POSITION, ATTITUDE]
-    hits = ray_caster(ball).first_hits(place, model.directions)
-    met = hits.facets >= 0
-    rays = model.directions[met]
-    points = place + hits.distances[met, None] * rays
-    cosines = -np.einsum("ki,ki->k", rays, ball.normals[hits.facets[met]])
+    met, points, distances, cosines = seen_of(ball, model, place)
     for seed in range(20):
         random, ranges = np.random.default_rng(100 + seed), np.full(len(met), np.inf)
         estimate = first_estimate(place, np.eye(3), sigma)
@@ -117,7 +123,7 @@ def test_stones_that_are_seen_for_long_do_not_tell_where_one_is() -> None:
         wave = 0.1 * random.standard_normal() * np.cos(points[:, 0] / 60.0)
         risen = (heights(points, seed, 0.2, 12.0) + wave) / cosines
         for _ in range(30):
-            ranges[met] = hits.distances[met] - risen + 0.1 * random.standard_normal(len(risen))
+            ranges[met] = distances - risen + 0.1 * random.standard_normal(len(risen))
             estimate = corrected(model, estimate, ranges).estimate
         turned = Rotation.from_matrix(estimate.rotation).as_rotvec()
         errors = np.concatenate([estimate.mean[POSITION] - place, turned])
@@ -141,14 +147,11 @@ def test_relief_is_not_taken_for_an_error_of_the_lidar() -> None:
         scale, place = 1e-4 * random.standard_normal(), start.copy()
         estimate = first_estimate(place, np.eye(3), sigma)
         for _ in range(30):
-            hits = ray_caster(ball).first_hits(place, model.directions)
-            met = hits.facets >= 0
-            rays, ranges = model.directions[met], np.full(len(met), np.inf)
-            points = place + hits.distances[met, None] * rays
-            cosines = -np.einsum("ki,ki->k", rays, ball.normals[hits.facets[met]])
+            met, points, distances, cosines = seen_of(ball, model, place)
+            ranges = np.full(len(met), np.inf)
             risen = heights(points, seed, 0.2, 12.0) / cosines
             noise = 0.05 * random.standard_normal(len(risen))
-            ranges[met] = (1.0 + scale) * (hits.distances[met] - risen) + noise
+            ranges[met] = (1.0 + scale) * (distances - risen) + noise
             found = corrected(model, estimate, ranges).estimate
             place = place + ways
             mean = found.mean.copy()
