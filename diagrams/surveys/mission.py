@@ -182,6 +182,8 @@ def onward(surveyed: Surveyed) -> Scenario:
         left = math.exp(-flight.delta_v / (STANDARD_GRAVITY * impulse))
     scenario.spacecraft.mass_kg = left * drawn.spacecraft.mass_kg
     scenario.lidar.noise_std_m = drawn.lidar.noise_std_m
+    # The lidar that saw the body from the survey's orbit goes on seeing it from there.
+    scenario.lidar.max_range_m = max(scenario.lidar.max_range_m, drawn.lidar.max_range_m)
     if scenario.sunlight is not None:
         scenario.sunlight = _later(scenario.sunlight, time, attitude)
     return scenario

@@ -54,7 +54,8 @@ def handed_over() -> HandedOver:
     """A map that is turned and moved against the body, and a phase that is believed a bit ahead."""
     body = load_body("bennu")
     sunlight = SunlightConfig(direction=LIGHT)
-    scenario = dc.replace(load_scenario("bennu_mission", {"transit.seed": 3}), sunlight=sunlight)
+    asked = {"transit.seed": 3, "task.survey.reach_m": 9000.0}
+    scenario = dc.replace(load_scenario("bennu_mission", asked), sunlight=sunlight)
     surveying, visiting = parts_of(scenario)
     world = survey_world(surveying, body)
     turn = Rotation.from_rotvec([0.0, 0.0, 0.4]).as_matrix()
@@ -150,6 +151,7 @@ def test_belief_is_ahead_and_propellant_is_gone(handed_over: HandedOver) -> None
         drawn.spacecraft.mass_kg * np.exp(-burnt), rel=1e-9
     )
     assert after.lidar.noise_std_m == drawn.lidar.noise_std_m
+    assert after.lidar.max_range_m == drawn.lidar.max_range_m == 9000.0
     assert after.truth.rigid_body == drawn.truth.rigid_body
     assert after.truth.thrusters == drawn.truth.thrusters
 
