@@ -197,6 +197,8 @@ def survey_errors(scenario: Scenario, body: Body) -> Expected:
         thrust=math.hypot(
             rms("truth.thrusters.scale"), math.radians(rms("truth.thrusters.direction_deg")), 1e-2
         ),
+        # A rigid spacecraft's thrusters owe what is too little.
+        least_impulse=0.0 if scenario.is_rigid else rms("truth.thrusters.least_impulse_n_s"),
     )
 
 

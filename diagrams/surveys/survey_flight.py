@@ -203,8 +203,9 @@ class Flying:
         if self._world.scenario.is_rigid:  # Along its own axes, wherever these point.
             limit /= math.sqrt(3.0)
         self._controller = SurveyController(
-            self._around, lidar.directions, craft.mass_kg, limit, self._task.period_s
-        )
+            self._around, lidar.directions, craft.mass_kg, limit, task.period_s,
+            survey_errors(scenario, body).least_impulse,
+        )  # fmt: skip
         self._controller.set_name("controller")
         self._diagram = diagram_of(self._world, self._controller)
         self._kept = _Kept(self._diagram, self._controller, self._world, self._task.period_s)

@@ -66,7 +66,13 @@ class SurveyController(LeafSystem):
     """
 
     def __init__(
-        self, around: Around, directions: Vectors3, mass: float, thrust: float, period: float
+        self,
+        around: Around,
+        directions: Vectors3,
+        mass: float,
+        thrust: float,
+        period: float,
+        least_impulse: float = 0.0,
     ):
         """Takes what is known.
 
@@ -74,10 +80,12 @@ class SurveyController(LeafSystem):
           around: of the body and the orbit. directions: (R, 3) of the lidar's rays in S.
           mass, thrust: of the spacecraft in kg, and its limit per axis in N.
           period: control period in s.
+          least_impulse: of a thruster in N s. Less is not asked for: it would not be given.
         """
         super().__init__()
         self.around, self._directions = around, directions
         self._mass, self._thrust, self._period = mass, thrust, period
+        self._least = least_impulse / period
         self._ranges = self.DeclareVectorInputPort("ranges", len(directions))
         self._attitude = self.DeclareVectorInputPort("body_attitude", 4)
         self._parts = sphere(2).vertices
@@ -130,7 +138,8 @@ class SurveyController(LeafSystem):
         if np.linalg.norm(off) < unsure and not self._is_low(flown):
             return np.zeros(3)
         force = self.around.turn(time).T @ (off * self._mass / self._period)
-        return force / max(1.0, float(np.abs(force).max()) / self._thrust)
+        force /= max(1.0, float(np.abs(force).max()) / self._thrust)
+        return np.where(np.abs(force) < self._least, 0.0, force)
 
     def _is_low(self, flown: Flown) -> bool:
         """Whether it is near and falls towards the keep-out sphere."""

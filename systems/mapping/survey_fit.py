@@ -80,6 +80,8 @@ class Expected(NamedTuple):
     """In s, over which its correlation falls to 1/e."""
     thrust: float = 0.03
     """Of the thrust's acceleration, over that."""
+    least_impulse: float = 0.0
+    """In N s, below which a thruster gives nothing: no error, but known."""
 
 
 class Tumbling(NamedTuple):

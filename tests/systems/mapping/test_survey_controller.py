@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from proxops.systems.common import spread_directions
 from proxops.systems.mapping import Around, SurveyController
 from proxops.systems.mapping.survey_filter import PLACE, STATES, VELOCITY
+from proxops.systems.vehicle import ThrusterErrors, thrust_given
 
 AROUND = Around(
     np.array([250.0, 240.0, 230.0]), 4.9, 0.1, 4e-4, 600.0, 280.0, 1e-7, 1e-8, 3600.0
@@ -58,3 +59,22 @@ def test_it_says_how_it_moves_in_k() -> None:
 
     np.testing.assert_allclose(found[:3], place(TIME))
     np.testing.assert_allclose(found[3:], (place(TIME + 1.0) - place(TIME - 1.0)) / 2.0, atol=1e-6)
+
+
+def test_it_asks_for_what_its_thrusters_give() -> None:
+    """Along one axis of three less is wanted than a pulse."""
+    values = after_a_frame(RAYS, None)
+    values[VELOCITY] = [0.05, -0.02, 0.03]
+    values[STATES : STATES + STATES**2] = 0.0  # It is sure of all that.
+
+    def force(least_impulse: float) -> np.ndarray:
+        controller = SurveyController(AROUND, RAYS, 1400.0, 6.0, PERIOD, least_impulse)
+        context = context_of(controller, TIME)
+        context.SetDiscreteState(values)
+        return controller.GetOutputPort("force").Eval(context)
+
+    wanted = force(0.0)
+    errors = ThrusterErrors(least_impulse=PERIOD * float(np.median(np.abs(wanted))))
+    given = thrust_given(wanted.tolist(), errors, PERIOD, TIME)
+    assert np.count_nonzero(given) == 2
+    np.testing.assert_array_equal(force(errors.least_impulse), given)
