@@ -31,7 +31,7 @@ from proxops.systems.common import Progress, check_type, compilation_timed, sile
 _EVENT_ACCURACY = 1e-6
 # Longest step of the integration (s). With RK5 the end of a transit is then within 1e-5 m of the
 # exact one. Drake has no scheme between it and RK3, which is off by up to 1e-2 m.
-_LONGEST_STEP = 10.0
+_LONGEST_STEP = 20.0
 
 
 def fly(
@@ -163,7 +163,7 @@ def make_simulator(
 ) -> Simulator:
     """Makes an initialised Simulator that integrates in equal steps.
 
-    A point by RK5 in steps of at most 10 s; a rigid body by RK3, in steps of an attitude period,
+    A point by RK5 in steps of at most 20 s; a rigid body by RK3, in steps of an attitude period,
     within 1e-7 m of the exact motion after 500 s, because thrust is constant over each.
 
     Args:

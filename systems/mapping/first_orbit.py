@@ -7,6 +7,7 @@ import itertools
 
 import numpy as np
 import scipy.linalg
+from scipy.spatial.distance import cdist
 
 from proxops.systems.common import InputError, Matrix3, Values, Vector3, Vectors3, one_thread
 from proxops.systems.mapping.path import Path
@@ -44,7 +45,7 @@ def densest(rays: Vectors3, longest: float) -> Values:
         if not near.all():
             kept[~near] = densest(rays[~near], longest)
         return kept
-    gaps = np.linalg.norm(rays[:, None] - rays[None], axis=2)
+    gaps = cdist(rays, rays)
     neighbours = (gaps < 0.5 * longest).sum(axis=1)
     best = int(neighbours.argmax())
     if neighbours[best] < FEWEST:

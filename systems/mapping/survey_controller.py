@@ -91,7 +91,7 @@ class SurveyController(LeafSystem):
         self._parts = sphere(2).vertices
         self.DeclareDiscreteState(np.zeros(_COUNTS + len(self._parts)))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
-        self.DeclareVectorOutputPort(
+        self._force_port = self.DeclareVectorOutputPort(
             "force",
             BasicVector(3),
             self._calc_force,
@@ -155,7 +155,7 @@ class SurveyController(LeafSystem):
         if self._attitude.HasValue(context):
             axes = turn @ rotation_matrix(self._attitude.Eval(context))
         middle, rays = self._middle(turn, axes, self._ranges.Eval(context))
-        thrust = turn @ self._force(time, values) / self._mass
+        thrust = turn @ self._force_port.Eval(context) / self._mass
         flown = None if values[_SEEN] == 0.0 else _flown(values)
         if middle is not None:
             gap = axes @ unseen(self._directions, middle @ axes, around.longest) @ axes.T
@@ -207,25 +207,24 @@ def wanted_velocity(state: Values, radius: float) -> Vector3:
     place, velocity, gm = state[PLACE], state[VELOCITY], float(state[GM][0])
     distance = float(np.linalg.norm(place))
     up = place / distance
+    low, high = _ends(place, velocity, gm)
+    sound, rises = low > _LOWEST * radius, float(velocity @ up)
+    far = distance > _NEAR * radius
+    # The highest place of an orbit is changed at the lowest for the least, and the other way round.
+    if not far and (sound if rises < 0.0 else high < HIGHEST * radius):
+        return velocity
     momentum = np.cross(place, velocity)
     normal = orbit_normal(up, momentum)
     along = np.cross(normal, up)
     falling = -_FALLING * math.sqrt(gm / distance)
-    low, high = _ends(place, velocity, gm)
-    sound, rises = low > _LOWEST * radius, float(velocity @ up)
-    if distance > _NEAR * radius:
+    if far:
         steep = abs(float(normal @ momentum)) > _FLAT * float(np.linalg.norm(momentum))
         if steep and sound and low < _PASS * radius and rises < falling:
             return velocity
         # It falls at least so fast: a flight from afar would take weeks.
         return _passing(distance, min(rises, falling), gm, radius) @ [up, along]
-    # The highest place of an orbit is changed at the lowest for the least, and the other way round.
     if rises < 0.0:
-        if sound:
-            return velocity
         return _passing(distance, rises, gm, min(radius, 0.95 * distance)) @ [up, along]
-    if high < HIGHEST * radius:
-        return velocity
     circular = math.sqrt(gm / distance)
     rise = (radius - distance) * math.sqrt(gm / radius**3)
     steady = circular * along + float(np.clip(rise, -0.2 * circular, 0.2 * circular)) * up
@@ -245,9 +244,10 @@ def _passing(distance: float, rises: float, gm: float, low: float) -> Values:
 
 def _ends(place: Vector3, velocity: Vector3, gm: float) -> tuple[float, float]:
     """The lowest and the highest distance in m of a free orbit."""
-    energy = float(0.5 * velocity @ velocity - gm / np.linalg.norm(place))
-    momentum = np.cross(place, velocity)
-    square = float(momentum @ momentum)
+    # Number by number: it is asked a dozen times a step.
+    (x, y, z), (u, v, w) = place.tolist(), velocity.tolist()
+    energy = 0.5 * (u * u + v * v + w * w) - gm / math.hypot(x, y, z)
+    square = (y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2
     shape = math.sqrt(max(0.0, 1.0 + 2.0 * energy * square / gm**2))
     low = square / gm / (1.0 + shape)
     return low, math.inf if energy >= 0.0 else -0.5 * gm / energy * (1.0 + shape)
