@@ -128,12 +128,12 @@ _TOLD_AFAR = (
 )
 _RIGID = Campaign(
     "rigid-after-survey", RIGID, "A rigid spacecraft, after the survey", _TOLD_DISPERSIONS,
-    (_MPC, _POLICY, _ASSURED_HYBRID), dispersions="after_survey_rigid",
+    (_MPC, _POLICY, _ASSURED_HYBRID), transits=100, dispersions="after_survey_rigid",
     settings=("spacecraft=!RigidBody {}",), seed=25_002,
 )  # fmt: skip
 _TOUCHES = Campaign(
     "touch-bennu", TOUCH, "Touch and go at Bennu", _TOLD_DISPERSIONS,
-    (_MPC,), transits=852, dispersions="touch_and_go", scenario="bennu_touch_and_go", seed=25_003,
+    (_MPC,), transits=400, dispersions="touch_and_go", scenario="bennu_touch_and_go", seed=25_003,
 )  # fmt: skip
 _LEARNED = dc.replace(
     _TOUCHES, name="touch-learned", title="Touch and go by a learned descent",
@@ -142,9 +142,9 @@ _LEARNED = dc.replace(
 _REAL = ("bennu", "ryugu", "toutatis", "didymos")
 _SURVEYS = (("kleopatra", "first_look"), ("bennu", "approach"), ("ryugu", "approach"))
 _MISSIONS = (
-    ("bennu_mission", "mission", 200), ("ryugu_mission", "mission", 50),
-    ("kleopatra_mission", "first_look", 50), ("didymos_mission", "approach", 50),
-    ("toutatis_mission", "approach", 50),
+    ("bennu_mission", "mission", 100), ("ryugu_mission", "mission", 20),
+    ("kleopatra_mission", "first_look", 20), ("didymos_mission", "approach", 20),
+    ("toutatis_mission", "approach", 20),
 )  # fmt: skip
 # Of bodies, and of real missions, maps and missions, for a first look.
 _FEW_BODIES, _FEW = 2, 1

@@ -412,9 +412,10 @@ def add_motion(survey: Survey, expected: Expected, matrix: np.ndarray, right: np
     path, size = survey.path, 3 * survey.path.size
     rows, residuals = motion_rows(survey, len(right))
     sigma = expected.varying * np.sqrt(2.0 * expected.varying_time / path.steps)
-    rows = rows.reshape(-1, len(right)) / np.repeat(sigma, 3)[:, None]
-    matrix += rows.T @ rows
-    right += rows.T @ (residuals / sigma[:, None]).ravel()
+    # Each row has a few of the path's unknowns, and the tail's.
+    some = sp.csr_array(rows.reshape(-1, len(right)) / np.repeat(sigma, 3)[:, None])
+    matrix += (some.T @ some).toarray()
+    right += some.T @ (residuals / sigma[:, None]).ravel()
     jumps = path.jumps / (expected.thrust * survey.kicks)[:, None]
     for i in range(3):
         axis = np.arange(i, size, 3)
