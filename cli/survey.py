@@ -117,6 +117,7 @@ def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
         ("time in orbit", f"{figures['hours']:.3g} h"),
         ("Δv", f"{figures['delta_v_m_s']:.3g} m/s"),
         ("entries of the keep-out sphere", f"{figures['keep_out_entries']}"),
+        ("interventions of runtime assurance", f"{figures['interventions']}"),
         ("least clearance of the keep-out ellipsoid", f"{figures['least_clearance_m']:.4g} m"),
         (
             "computed: flight, estimation",

@@ -24,7 +24,7 @@ from proxops.systems.touch import TouchController
 STATE_PORTS = ("state", "position", "velocity")
 """Ports of a controller that tell it its own motion."""
 # Input ports of a controller that may remain unconnected.
-_OPTIONAL_PORTS = {"enable", "covariance", "failed", "body_attitude"}
+_OPTIONAL_PORTS = {"enable", "covariance", "failed", "body_attitude", "given_force"}
 
 
 def add_on_board(

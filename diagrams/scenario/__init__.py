@@ -42,7 +42,7 @@ from proxops.diagrams.scenario.scenario_config import (
     TrueStateConfig,
     TruthConfig,
 )
-from proxops.diagrams.scenario.sky import facets_of
+from proxops.diagrams.scenario.sky import facets_of, greatest_from_sky
 from proxops.diagrams.scenario.spacecraft_model import (
     RigidBodyConfig,
     SpacecraftModel,
@@ -156,6 +156,7 @@ __all__ = [
     "facets_of",
     "filter_tuning",
     "given_keys",
+    "greatest_from_sky",
     "hover_force",
     "is_blocked",
     "load_body",

@@ -131,9 +131,7 @@ def parts_of(scenario: Scenario) -> tuple[Scenario, Scenario]:
     point = PointMassConfig(craft.mass_kg, craft.thrust_limit_n, craft.speed_limit_m_s)
     impulse = scenario.true_specific_impulse_s
     truth = dc.replace(scenario.truth, specific_impulse_s=impulse)
-    survey = dc.replace(
-        scenario, task=mission.survey, spacecraft=point, truth=truth, assurance=None
-    )
+    survey = dc.replace(scenario, task=mission.survey, spacecraft=point, truth=truth)
     after = dc.replace(mission.touch, transit=True) if touches else Scenario().task
     return survey, dc.replace(scenario, task=after)
 

@@ -343,6 +343,7 @@ def survey_figures(
         "orbit_delta_v_m_s": float(np.abs(flight.returns.thrusts).sum() * _period(flight)),
         "least_clearance_m": flight.clearance,
         "keep_out_entries": flight.entries,
+        "interventions": flight.interventions,
         "hours": flight.hours,
         "collided": flight.collided,
     }

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Context, EventStatus
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 
 from proxops.diagrams.flight import diagram_of, let_go, make_simulator
 from proxops.diagrams.scenario import (
@@ -17,9 +17,11 @@ from proxops.diagrams.scenario import (
     Transit,
     World,
     draw_world,
+    greatest_from_sky,
     make_true_body,
     survey_errors,
 )  # fmt: skip
+from proxops.systems.assurance import SphereAssurance, SphereLimits
 from proxops.systems.common import (
     InputError,
     Matrix3,
@@ -52,6 +54,9 @@ _ELLIPSOID = 0.1 / 3.0
 # an orbit of more than four semi-axes, half its radius is the size: so the lowest point is never
 # beyond the start.
 _FROM, _PASSES = (4.0, 6.0), (0.5, 2.0)
+# Radial pull at the sphere that holds the body, over that of a point mass: at the bodies that ship
+# it is at most 3.1, off Kleopatra's tips.
+_PULL = 3.2
 # How far the lidar reaches in a survey, in sizes.
 _REACH = 8.0
 
@@ -69,6 +74,8 @@ class SurveyFlight(NamedTuple):
     """The least distance in m to the body's keep-out ellipsoid: negative within."""
     entries: int
     """How often it entered the keep-out sphere of `Around`."""
+    interventions: int
+    """Of runtime assurance, in control steps."""
     hours: float
     """Time in orbit in h."""
     collided: bool
@@ -165,7 +172,10 @@ def survey_world(scenario: Scenario, body: Body) -> World:
     reach = drawn.task.reach_m or _REACH * size
     lidar = dc.replace(drawn.lidar, max_range_m=reach)
     period = drawn.task.period_s
-    drawn = dc.replace(drawn, spacecraft=craft, lidar=lidar, control_period_s=period)
+    # Runtime assurance of a survey is a part of its controller.
+    drawn = dc.replace(
+        drawn, spacecraft=craft, lidar=lidar, control_period_s=period, assurance=None
+    )
     random = generator(scenario.transit.seed, scenario.transit.index, 2)
     start = random.standard_normal(3)
     start *= size * random.uniform(*_FROM) / np.linalg.norm(start)
@@ -181,6 +191,38 @@ def survey_world(scenario: Scenario, body: Body) -> World:
     ends = start, 100.0 * start
     seed, index = scenario.transit.seed, scenario.transit.index
     return World(drawn, body, true_body, Transit(seed, index, *ends, turning))
+
+
+def sphere_limits(scenario: Scenario, body: Body, thrust: float) -> SphereLimits:
+    """What `SphereAssurance` promises of a survey, whose thrust gives so much in m/s^2.
+
+    Of what is dispersed the ends count, three standard deviations.
+    """
+    around, errors = around_of(scenario, body), survey_errors(scenario, body)
+    task, mass = scenario.task, scenario.spacecraft.mass_kg
+    assert isinstance(task, SurveyConfig)
+    far = _FROM[1] * _size(around.semi_axes, around.radius)
+    pull = _PULL * around.gm * (1.0 + 3.0 * errors.gravity) / around.keep_out**2
+    push = 3.0 * math.sqrt(3.0) * math.hypot(errors.acceleration, errors.varying)
+    push += greatest_from_sky(scenario, body, mass, far)[1]
+    return SphereLimits(around.keep_out, pull + push, thrust, 3.0 * errors.thrust, task.period_s)
+
+
+def _with_assurance(controller: SurveyController, assurance: SphereAssurance) -> Diagram:
+    """A controller under runtime assurance, with the ports of a controller."""
+    builder = DiagramBuilder()
+    builder.AddSystem(controller)
+    builder.AddNamedSystem("assurance", assurance)
+    for name in ("state", "force", "deviations"):
+        builder.Connect(controller.GetOutputPort(name), assurance.GetInputPort(name))
+    builder.Connect(assurance.GetOutputPort("force"), controller.GetInputPort("given_force"))
+    for name in ("ranges", "body_attitude"):
+        builder.ExportInput(controller.GetInputPort(name), name)
+    builder.ExportOutput(assurance.GetOutputPort("force"), "force")
+    builder.ExportOutput(controller.GetOutputPort("state"), "state")
+    assured = builder.Build()
+    assured.set_name("assured_controller")
+    return assured
 
 
 class Flying:
@@ -207,8 +249,14 @@ class Flying:
             survey_errors(scenario, body).least_impulse,
         )  # fmt: skip
         self._controller.set_name("controller")
-        self._diagram = diagram_of(self._world, self._controller)
-        self._kept = _Kept(self._diagram, self._controller, self._world, self._task.period_s)
+        commanding, flies = self._controller, self._controller
+        if scenario.assurance is not None:
+            limits = sphere_limits(scenario, body, limit / craft.mass_kg)
+            deviations = scenario.assurance.deviations
+            commanding = SphereAssurance(limits, craft.mass_kg, deviations)
+            flies = _with_assurance(self._controller, commanding)
+        self._diagram = diagram_of(self._world, flies)
+        self._kept = _Kept(self._diagram, self._controller, commanding, self._world)
         self._simulator = make_simulator(self._diagram, self._world.scenario)
 
     def fly(self, hours: float, progress: Progress = silent) -> SurveyFlight:
@@ -247,9 +295,13 @@ class Flying:
 class _Kept:
     """What a survey's flight leaves: the returns, and figures of it."""
 
-    def __init__(self, diagram, controller: SurveyController, world: World, period: float):
+    def __init__(
+        self, diagram: Diagram, controller: SurveyController, commanding: LeafSystem, world: World
+    ):
+        """Takes the diagram, its controller, and what gives the force in the end."""
         self._diagram, self._controller, self._world = diagram, controller, world
-        self._period = period
+        self._commanding, self._period = commanding, world.scenario.control_period_s
+        self._interventions = 0
         self._times: list[float] = []
         self._frames: list[tuple[np.ndarray, np.ndarray]] = []
         self._axes: list[Matrix3] = []
@@ -284,7 +336,10 @@ class _Kept:
             if self._forces:  # What was given since the last step.
                 self._forces[-1] = output("given_force", "mean_force")
         self._axes.append(axes)
-        self._forces.append(self._controller.GetOutputPort("force").Eval(own).copy())
+        within = self._commanding.GetMyContextFromRoot(context)
+        self._forces.append(self._commanding.GetOutputPort("force").Eval(within).copy())
+        wanted = self._controller.GetOutputPort("force").Eval(own)
+        self._interventions += int((self._forces[-1] != wanted).any())
         if self._orbit is None and self._controller.kept_for(own) > 0.0:
             self._orbit = now
 
@@ -326,7 +381,7 @@ class _Kept:
             returns, around, self._orbit,
             float(np.abs(forces).sum() * self._period / mass),
             float(clearances(body.keep_out_semi_axes, places).min()),
-            int(within[0]) + int((within[1:] & ~within[:-1]).sum()), hours,
+            int(within[0]) + int((within[1:] & ~within[:-1]).sum()), self._interventions, hours,
             bool(inside.any()), np.concatenate([seen for seen, _ in rays]),
             times, np.array(self._states), np.array(self._attitudes), forces, self._world,
         )  # fmt: skip

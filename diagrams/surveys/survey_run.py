@@ -38,7 +38,7 @@ from proxops.systems.mapping import (
 )
 
 _FLIGHT = "survey.npz"
-_FIGURES = ("orbit_time", "delta_v", "clearance", "entries", "hours", "collided")
+_FIGURES = ("orbit_time", "delta_v", "clearance", "entries", "interventions", "hours", "collided")
 _HISTORIES = ("rays", "times", "states", "attitudes", "forces")
 # It flies so much longer, first and if its map is not good enough yet, over the most time; half of
 # that if it is short, of so many hours.
@@ -177,9 +177,7 @@ def told_errors(scenario: Scenario, world: World, body: Body) -> Expected:
 def _read_by(scenario: Scenario) -> str:
     """The scenario of a survey without what its flight does not read."""
     usual = Scenario()
-    unread = ["mpc", "policy", "hybrid", "arrival"]
-    if scenario.assurance is None:
-        unread.append("navigation")  # Runtime assurance alone needs one.
+    unread = ["mpc", "policy", "hybrid", "arrival", "navigation"]
     return dump_scenario(dc.replace(scenario, **{name: getattr(usual, name) for name in unread}))
 
 

@@ -54,15 +54,17 @@ class SurveyController(LeafSystem):
 
     ```
     ranges (R), m ──────────►┌──────────────────┐─► force (3), N, K as believed
-    body_attitude (4), R_KS ►│ SurveyController │
-                             └──────────────────┘─► state (6), m, m/s, K as believed; NaN: unseen
+    body_attitude (4), R_KS ►│ SurveyController │─► state (6), m, m/s, K as believed; NaN: unseen
+    given_force (3), N, K ──►└──────────────────┘─► deviations (2), m, m/s
     ```
 
     A Kalman filter in N (`survey_filter`) knows position, velocity and GM by where the frames show
     the body's middle. Far away the controller aims at the orbit's radius, in a plane that is steep
     to the equator; near it, at an orbit between two radii. It thrusts only if the velocity is off
     by more than is unsure: a free orbit costs nothing. K turns as believed. `body_attitude` is as
-    measured against the stars; it may remain open: then S has K's axes.
+    measured against the stars; it may remain open: then S has K's axes. `deviations` are those of
+    the distance from the middle and of its rate, along whatever axis is the least sure.
+    `given_force` is what runtime assurance makes of the force; without it, it is that.
     """
 
     def __init__(
@@ -88,6 +90,7 @@ class SurveyController(LeafSystem):
         self._least = least_impulse / period
         self._ranges = self.DeclareVectorInputPort("ranges", len(directions))
         self._attitude = self.DeclareVectorInputPort("body_attitude", 4)
+        self._given = self.DeclareVectorInputPort("given_force", 3)
         self._parts = sphere(2).vertices
         self.DeclareDiscreteState(np.zeros(_COUNTS + len(self._parts)))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
@@ -100,6 +103,7 @@ class SurveyController(LeafSystem):
         self.DeclareVectorOutputPort(
             "state", 6, self._calc_state, {self.xd_ticket(), self.time_ticket()}
         )
+        self.DeclareVectorOutputPort("deviations", 2, self._calc_deviations, {self.xd_ticket()})
 
     def kept_for(self, context) -> float:
         """How long the orbit has been kept, in s."""
@@ -124,6 +128,20 @@ class SurveyController(LeafSystem):
         place = mean[PLACE] @ turn
         turning = np.cross(self.around.angular_velocity(context.get_time()), place)
         output.SetFromVector(np.concatenate([place, mean[VELOCITY] @ turn - turning]))
+
+    def _calc_deviations(self, context, output):
+        values = context.get_discrete_state(0).value()
+        if values[_SEEN] == 0.0:
+            output.SetFromVector(np.full(2, np.nan))
+            return
+        mean, covariance = _flown(values)
+        place, rate = (
+            math.sqrt(max(0.0, float(np.linalg.eigvalsh(covariance[part, part])[-1])))
+            for part in (PLACE, VELOCITY)
+        )
+        # Where the middle is seen beside its place, speed across is taken for a fall.
+        beside = float(np.linalg.norm(mean[VELOCITY]) / np.linalg.norm(mean[PLACE]))
+        output.SetFromVector([place, rate + beside * place])
 
     def _force(self, time: float, values: Values) -> Vector3:
         if values[_SEEN] == 0.0:
@@ -155,7 +173,8 @@ class SurveyController(LeafSystem):
         if self._attitude.HasValue(context):
             axes = turn @ rotation_matrix(self._attitude.Eval(context))
         middle, rays = self._middle(turn, axes, self._ranges.Eval(context))
-        thrust = turn @ self._force_port.Eval(context) / self._mass
+        given = self._given if self._given.HasValue(context) else self._force_port
+        thrust = turn @ given.Eval(context) / self._mass
         flown = None if values[_SEEN] == 0.0 else _flown(values)
         if middle is not None:
             gap = axes @ unseen(self._directions, middle @ axes, around.longest) @ axes.T
