@@ -16,6 +16,8 @@ _ITERATIONS = 100
 # A step is small enough to stop if it is below this share of the body's length, or if the distances
 # have not become less in as many steps: then points change from one plane to the next and back.
 _SMALL, _PATIENCE = 1e-9, 10
+# By less than this share they become less for ever, on the way forth and back.
+_ROUNDING = 1e-9
 # More facets than this are thinned, evenly: they say no more of six numbers.
 _ENOUGH = 3_000
 
@@ -48,7 +50,8 @@ def registered(mesh: Polyhedron, onto: Polyhedron) -> Polyhedron:
         normals, heights = _nearest_planes(onto, tree, points)
         squares, since = float(np.sum((heights * root) ** 2)), since + 1
         if squares < least:
-            best, least, since = vertices, squares, 0
+            since = since if squares > (1.0 - _ROUNDING) * least else 0
+            best, least = vertices, squares
         if since == _PATIENCE:
             return Polyhedron(best, mesh.facets, mesh.name)
         rows = rigid_motions(points, normals, middle, size)
