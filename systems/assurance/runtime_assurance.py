@@ -16,7 +16,8 @@ class AssuranceConfig:
     """The safety filter that keeps any controller out of the keep-out ellipsoid.
 
     See `proxops.systems.RuntimeAssurance`. Of the scenario's `truth` the filter knows no more
-    than these bounds.
+    than these bounds. A survey, which has no map, is kept out of a sphere by `SphereAssurance`;
+    there the scenario's dispersions are the bounds, and of these keys `deviations` alone counts.
     """
 
     # The errors for which it does so. Either their values, or the name of dispersions that ship
