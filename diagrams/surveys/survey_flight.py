@@ -205,6 +205,9 @@ def sphere_limits(scenario: Scenario, body: Body, thrust: float) -> SphereLimits
     pull = _PULL * around.gm * (1.0 + 3.0 * errors.gravity) / around.keep_out**2
     push = 3.0 * math.sqrt(3.0) * math.hypot(errors.acceleration, errors.varying)
     push += greatest_from_sky(scenario, body, mass, far)[1]
+    # A moon pulls the most at the ball about it, which nothing should enter.
+    moons = [moon for moon in body.config.moons if moon.radius_m > 0.0]
+    push += sum(GRAVITATIONAL_CONSTANT * each.mass_kg / each.radius_m**2 for each in moons)
     return SphereLimits(around.keep_out, pull + push, thrust, 3.0 * errors.thrust, task.period_s)
 
 

@@ -17,7 +17,8 @@ class SphereLimits(NamedTuple):
     radius: float
     """Of the sphere, in m."""
     pull: float
-    """The greatest acceleration in m/s^2 towards the middle at the sphere, of all but thrust."""
+    """The greatest acceleration in m/s^2 towards the middle, of all but thrust, at the sphere or
+    outside of it."""
     thrust: float
     """The limit of the thrust's acceleration along each axis, in m/s^2."""
     error: float

@@ -290,7 +290,10 @@ def test_workers_do_not_repeat_what_the_draw_of_their_flights_told(
 
 
 def command_of(process: psutil.Process) -> str:
-    return " ".join(process.cmdline())
+    try:
+        return " ".join(process.cmdline())
+    except psutil.NoSuchProcess:  # It has ended meanwhile, such as one that asks for a version.
+        return ""
 
 
 INTERRUPTED = """
